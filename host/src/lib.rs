@@ -1,0 +1,9 @@
+//! Screed's host: models, planning, links, simulated peers, and the processes that run them.
+
+pub mod config;
+pub mod link;
+pub mod log;
+pub mod model;
+pub mod plan;
+pub mod run;
+pub mod sim;

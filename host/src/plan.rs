@@ -1,0 +1,3 @@
+//! Where the tool goes, in which order, and when.
+
+pub mod path;

@@ -1,0 +1,3 @@
+//! The catalogue of robots.
+
+pub mod ur;

@@ -1,0 +1,133 @@
+//! Closed-form inverse kinematics of UR-type arms: joints 2, 3 and 4 parallel, joint 5 square to them.
+//!
+//! Derivation from the DH table in [`crate::arms::ur`]; the same geometry as Hawkins, "Analytic Inverse Kinematics for the
+//! Universal Robots UR-5/UR-10 Arms" (Georgia Tech, 2013). With n = (sin θ₁, −cos θ₁, 0), the common axis of joints 2 to 4,
+//! and X, Y, Z the flange axes: n·Z = cos θ₅, n·X = sin θ₅ cos θ₆, n·Y = −sin θ₅ sin θ₆.
+
+use super::{Branches, IkError};
+use crate::arm::Arm;
+use crate::pose::Pose;
+use crate::units::JointPos;
+use core::f64::consts::{FRAC_PI_2, PI};
+use nalgebra::Vector3;
+
+/// Lengths (m) within which rounding, not geometry, decides that a pose is out of reach.
+const REACH_TOLERANCE: f64 = 1e-10;
+/// |sin θ₅| below which joints 4 and 6 are collinear and θ₆ is taken from the seed.
+const WRIST_SINGULAR: f64 = 1e-12;
+
+/// Every branch (shoulder × wrist × elbow) that reaches the pose, each joint turned by full turns to lie nearest to `seed`
+/// and inside the limits. At the wrist singularity θ₆ is the seed's.
+///
+/// # Errors
+/// [`IkError`] when the pose is not finite, out of reach, or only reached beyond the joint limits.
+pub fn inverse(arm: &Arm<6>, base_from_flange: &Pose, seed: &JointPos<6>) -> Result<Branches<6>, IkError> {
+    if !base_from_flange.is_finite() || !seed.is_finite() {
+        return Err(IkError::NotFinite);
+    }
+    let mut found = Branches::empty();
+    let mut missed = f64::INFINITY;
+    let mut limit = None;
+    let shoulder = shoulder(arm, base_from_flange)?;
+    for (theta1, wrist) in shoulder.iter().flat_map(|&theta1| [(theta1, 1.0), (theta1, -1.0)]) {
+        match planar(arm, base_from_flange, seed, theta1, wrist) {
+            Ok(elbows) => {
+                for joints in elbows {
+                    match within_limits(arm, &joints, seed) {
+                        Ok(joints) => found.push(joints),
+                        Err(beyond) => limit = limit.or(Some(beyond)),
+                    }
+                }
+            }
+            Err(by) => missed = missed.min(by),
+        }
+    }
+    match (found.as_slice().is_empty(), limit) {
+        (false, _) => Ok(found),
+        (true, Some((joint, position))) => Err(IkError::Limit { joint, position }),
+        (true, None) => Err(IkError::OutOfReach { by: missed }),
+    }
+}
+
+/// The branch nearest to `seed`, by the largest joint difference.
+///
+/// # Errors
+/// As [`inverse`].
+pub fn nearest(arm: &Arm<6>, base_from_flange: &Pose, seed: &JointPos<6>) -> Result<JointPos<6>, IkError> {
+    let branches = inverse(arm, base_from_flange, seed)?;
+    let distance =
+        |joints: &JointPos<6>| joints.0.iter().zip(&seed.0).fold(0.0, |far: f64, (a, b)| far.max(libm::fabs(a - b)));
+    let mut best = *seed;
+    let mut best_distance = f64::INFINITY;
+    for joints in branches.as_slice() {
+        let distance = distance(joints);
+        if distance < best_distance {
+            (best, best_distance) = (*joints, distance);
+        }
+    }
+    Ok(best)
+}
+
+/// θ₁: frame 5's origin keeps the distance d₄ from the plane of the upper arm.
+fn shoulder(arm: &Arm<6>, base_from_flange: &Pose) -> Result<[f64; 2], IkError> {
+    let wrist = base_from_flange.translation - base_from_flange.rotation.column(2) * arm.dh[5].d;
+    let d4 = arm.dh[3].d;
+    let squared = wrist.x * wrist.x + wrist.y * wrist.y - d4 * d4;
+    let missing = libm::fabs(d4) - libm::hypot(wrist.x, wrist.y);
+    if missing > REACH_TOLERANCE {
+        return Err(IkError::OutOfReach { by: missing });
+    }
+    let direction = libm::atan2(wrist.y, wrist.x) + FRAC_PI_2;
+    let half = libm::atan2(libm::sqrt(squared.max(0.0)), d4);
+    Ok([direction + half, direction - half])
+}
+
+/// The other five joints for one θ₁ and one sign of sin θ₅: both elbows, or by how much (m) the planar part is too short.
+fn planar(arm: &Arm<6>, pose: &Pose, seed: &JointPos<6>, theta1: f64, wrist: f64) -> Result<[JointPos<6>; 2], f64> {
+    let (s1, c1) = libm::sincos(theta1);
+    let along = Vector3::new(c1, s1, 0.0);
+    let normal = Vector3::new(s1, -c1, 0.0);
+    let (x6, y6, z6) = (pose.rotation.column(0), pose.rotation.column(1), pose.rotation.column(2));
+    let (nx, ny) = (normal.dot(&x6), normal.dot(&y6));
+    let s5 = wrist * libm::hypot(nx, ny);
+    let theta5 = libm::atan2(s5, normal.dot(&z6));
+    let theta6 = if libm::fabs(s5) < WRIST_SINGULAR { seed.0[5] } else { libm::atan2(-ny * wrist, nx * wrist) };
+
+    // Frame 5's y axis is minus frame 4's z axis; its components in the arm's plane give θ₂ + θ₃ + θ₄.
+    let (s6, c6) = libm::sincos(theta6);
+    let y5 = x6 * s6 + y6 * c6;
+    let (s234, c234) = (-along.dot(&y5), y5.z);
+    let theta234 = libm::atan2(s234, c234);
+
+    let elbow_to_wrist = pose.translation - z6 * arm.dh[5].d;
+    let px = along.dot(&elbow_to_wrist) - arm.dh[4].d * s234;
+    let py = elbow_to_wrist.z - arm.dh[0].d + arm.dh[4].d * c234;
+    let (a2, a3) = (arm.dh[1].a, arm.dh[2].a);
+    let (upper, fore) = (libm::fabs(a2), libm::fabs(a3));
+    let reach = libm::hypot(px, py);
+    let missing = (reach - (upper + fore)).max(libm::fabs(upper - fore) - reach);
+    if missing > REACH_TOLERANCE {
+        return Err(missing);
+    }
+    // Half-angle form of the law of cosines: accurate also where the elbow is nearly straight.
+    let straight = ((upper + fore) - reach) * ((upper + fore) + reach);
+    let folded = (reach - (upper - fore)) * (reach + (upper - fore));
+    let bend = 2.0 * libm::atan2(libm::sqrt(straight.max(0.0)), libm::sqrt(folded.max(0.0)));
+    Ok([bend, -bend].map(|theta3| {
+        let (s3, c3) = libm::sincos(theta3);
+        let theta2 = libm::atan2(py, px) - libm::atan2(a3 * s3, a2 + a3 * c3);
+        JointPos([theta1, theta2, theta3, theta234 - theta2 - theta3, theta5, theta6])
+    }))
+}
+
+/// Turns each joint by full turns to lie nearest to the seed and inside the limits, or names the joint that cannot.
+fn within_limits(arm: &Arm<6>, joints: &JointPos<6>, seed: &JointPos<6>) -> Result<JointPos<6>, (usize, f64)> {
+    let mut turned = *joints;
+    for (joint, position) in turned.0.iter_mut().enumerate() {
+        let (low, high) = (arm.position_min.0[joint], arm.position_max.0[joint]);
+        let nearest = *position + 2.0 * PI * libm::round((seed.0[joint] - *position) / (2.0 * PI));
+        let inside = [nearest, nearest - 2.0 * PI, nearest + 2.0 * PI].into_iter().find(|p| (low..=high).contains(p));
+        *position = inside.ok_or((joint, nearest))?;
+    }
+    Ok(turned)
+}
