@@ -5,10 +5,10 @@ use crate::ring::Ring;
 use crate::setpoint::Setpoint;
 use crate::units::JointPos;
 
-/// How fast the rate may change (1/s): a path speed v gains at most 1.8 v of deceleration from the clock.
-pub const RATE_SLOPE_MAX: f64 = 1.8;
+/// How fast the rate may change (1/s): a path speed v gains at most 1.5 v of deceleration from the clock.
+pub const RATE_SLOPE_MAX: f64 = 1.5;
 
-/// How fast the rate's slope may change (1/s²). From 100 % to rest takes 1/1.8 + 1.8/6 = 0.86 s.
+/// How fast the rate's slope may change (1/s²). From 100 % to rest takes 1/1.5 + 1.5/6 = 0.92 s.
 pub const RATE_CURVATURE_MAX: f64 = 6.0;
 
 /// Rate, phase, and the four samples around the phase.

@@ -21,6 +21,8 @@ pub enum Fault {
     },
     /// The robot stopped taking commands while the path was played: its program, power or safety state changed.
     RobotNotReady,
+    /// The extruder does not answer or reports a fault of its own.
+    Extruder,
     /// The output would break a limit; the last good output is held.
     Output {
         /// Joint, 0 for the first.
@@ -40,6 +42,7 @@ impl Fault {
             Self::Sensor { .. } => "K2",
             Self::RobotNotReady => "K3",
             Self::Output { .. } => "K4",
+            Self::Extruder => "K5",
         }
     }
 
@@ -49,6 +52,7 @@ impl Fault {
             Self::Following { .. } => "the robot does not follow its setpoints",
             Self::Sensor { .. } => "the robot reports a position that is not a number",
             Self::RobotNotReady => "the robot no longer takes setpoints",
+            Self::Extruder => "the extruder failed",
             Self::Output { .. } => "a setpoint broke a limit at the last gate",
         }
     }
@@ -62,6 +66,7 @@ impl Fault {
             }
             Self::Sensor { .. } => "check the link and the controller's state; then re-arm",
             Self::RobotNotReady => "look at the robot's program and safety state, start it again by hand; then re-arm",
+            Self::Extruder => "look at the extruder and its line; then re-arm",
             Self::Output { .. } => "save the log and report it: the plan passed a check that the output did not",
         }
     }

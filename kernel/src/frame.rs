@@ -24,6 +24,9 @@ pub const WIRE_MAX: usize = FRAME_MAX + FRAME_MAX / 254 + 2;
 /// Room for setpoint code in one [`ToKernel::Batch`]: what is left of [`FRAME_MAX`] by its other fields at their longest.
 pub const CODE_MAX: usize = FRAME_MAX - 48;
 
+/// Longest text in a message (bytes).
+pub const NOTE_MAX: usize = 480;
+
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
 /// One value a joint.
@@ -129,10 +132,19 @@ pub enum FromKernel {
     },
     /// One cycle, as it was.
     Cycle(CycleRecord),
-    /// The process could not go on: the link to the robot or the extruder failed.
-    LinkDown {
-        /// Which link, and what happened, in words for a person.
-        message: heapless::String<240>,
+    /// To a host that has just attached: what kind of process it speaks to.
+    Process {
+        /// Whether the process has the scheduling and the locked memory that the cell file asks for.
+        realtime: bool,
+        /// What was refused, in words for a person; empty when nothing was.
+        note: heapless::String<NOTE_MAX>,
+    },
+    /// Something failed outside the kernel: the link to the robot or to the extruder.
+    Alarm {
+        /// Whether the process ends.
+        fatal: bool,
+        /// Cause and action, in words for a person.
+        note: heapless::String<NOTE_MAX>,
     },
 }
 

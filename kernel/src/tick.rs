@@ -147,6 +147,16 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         self.state.change(Event::Lost);
     }
 
+    /// What [`ToKernel::Quit`] does: comes to rest, then [`Self::may_quit`].
+    pub fn quit(&mut self) {
+        self.state.obey(&ToKernel::Quit);
+    }
+
+    /// A fault found outside the kernel: stops on the path as for one of its own.
+    pub fn raise(&mut self, fault: Fault) {
+        self.state.change(Event::Fault(fault));
+    }
+
     /// One cycle. Bounded work, no allocation, no panic.
     pub fn tick(&mut self, sensors: &Sensors<N>) -> Command<N> {
         self.budget = RECEIVE_MAX;
