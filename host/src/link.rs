@@ -1,1 +1,2 @@
 //! Sans-IO state machines, one per wire.
+pub mod rtde;

@@ -1,1 +1,2 @@
 //! Simulated peers on the real wires.
+pub mod ur;
