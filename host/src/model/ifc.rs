@@ -1,0 +1,1 @@
+//! What IFC's units, placements and curves mean.
