@@ -9,4 +9,4 @@ pub mod ifc;
 pub mod p21;
 
 pub use error::{Entity, ModelError, Place};
-
+pub use fim::{FimModel, Layer, Process, parse, read};

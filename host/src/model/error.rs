@@ -51,9 +51,7 @@ pub enum ModelError {
         source: std::io::Error,
     },
     /// The text ends too early.
-    #[error(
-        "{place}: the file ends inside {inside}, expected {expected}; it is cut short: export it or copy it again"
-    )]
+    #[error("{place}: the file ends inside {inside}, expected {expected}; it is cut short: export it or copy it again")]
     Truncated {
         /// Where the thing that is cut short begins.
         place: Place,
@@ -131,7 +129,9 @@ pub enum ModelError {
         limit: usize,
     },
     /// The project assigns no such unit.
-    #[error("{entity}: no {unit} is assigned, needed for {needed_for}; add {remedy} to the project's IfcUnitAssignment")]
+    #[error(
+        "{entity}: no {unit} is assigned, needed for {needed_for}; add {remedy} to the project's IfcUnitAssignment"
+    )]
     MissingUnit {
         /// The unit assignment, or the project when there is none.
         entity: Box<Entity>,

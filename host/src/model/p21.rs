@@ -13,7 +13,7 @@ mod lexer;
 mod record;
 mod text;
 
-pub use record::Record;
+pub use record::{Record, describe};
 
 use crate::model::error::{Entity, ModelError, Place};
 use lexer::Lexer;

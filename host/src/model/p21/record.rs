@@ -174,12 +174,7 @@ impl<'f> Record<'f> {
     }
 
     /// The error "attribute: expected …, found …".
-    pub fn wrong(
-        &self,
-        attribute: &'static str,
-        expected: impl Into<String>,
-        found: impl Into<String>,
-    ) -> ModelError {
+    pub fn wrong(&self, attribute: &'static str, expected: impl Into<String>, found: impl Into<String>) -> ModelError {
         ModelError::Attribute { entity: self.entity(), attribute, expected: expected.into(), found: found.into() }
     }
 
