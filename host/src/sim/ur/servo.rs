@@ -125,7 +125,8 @@ impl Servo {
             return Ok(());
         }
         let within = since.clamp(command.time, STEP_TIME_MAX.max(command.time));
-        for (joint, ((target, before), limit)) in command.target.iter().zip(&before).zip(&self.speed_max.0).enumerate() {
+        for (joint, ((target, before), limit)) in command.target.iter().zip(&before).zip(&self.speed_max.0).enumerate()
+        {
             let step = target - before;
             // Written so that a step that is not a number fails.
             let followable = step.abs() <= limit * SPEED_MARGIN * within;

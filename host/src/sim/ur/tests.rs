@@ -136,15 +136,12 @@ fn a_ramp_is_followed_with_the_lag_that_the_model_states() {
         let seen = bench.stream(4.0, |t| shifted(speed * t));
         let (t, sent, state) = seen.last().expect("states");
         let lag = (sent.0[0] - state.actual_q.0[0]) / speed;
-        // One period until the setpoint is in the registers, up to one until servoj takes it, half of one in the mean
-        // because it holds, and two cycles of transport.
-        let period = 1.0 / f64::from(rate_hz);
-println!("{rate_hz} {lookahead} {}", lag-lookahead);
-        let least = lookahead + 2.0 * 0.002;
-        let most = lookahead + 2.0 * 0.002 + 3.0 * period;
-        assert!((least..=most).contains(&lag), "{rate_hz} Hz, look-ahead {lookahead}: lag {lag} at {t}");
+        // Two cycles until it acts, and half a period because servoj holds it.
+        let expected = lookahead + 2.0 * 0.002 + 0.5 / f64::from(rate_hz);
+        assert!((lag - expected).abs() < 5e-4, "{rate_hz} Hz, look-ahead {lookahead}: lag {lag} s at {t}");
         assert_eq!(state.program_state, ProgramState::Following.code());
-        assert!((state.actual_qd.0[3] - speed).abs() < 1e-3 + 0.2 * f64::from(u8::from(rate_hz == 125)));
+        // The targets are steps: at 125 Hz the speed swings around the ramp's by a tenth of it.
+        assert!((state.actual_qd.0[3] - speed).abs() < 0.1 * speed);
     }
 }
 
@@ -348,7 +345,10 @@ fn bytes_of_a_foreign_client_get_the_bytes_it_expects() {
     let mut controller = Controller::new("ur10e", options(&program)).expect("legal");
     let client = controller.connect();
     assert_eq!(answer(&mut controller, client, &hex("0005560002")), hex("00045601"));
-    assert_eq!(answer(&mut controller, client, &hex("000376")), hex("00137600000005 0000000b0000000600000001".replace(' ', "").as_str()));
+    assert_eq!(
+        answer(&mut controller, client, &hex("000376")),
+        hex("00137600000005 0000000b0000000600000001".replace(' ', "").as_str())
+    );
     let mut setup = hex("00344f405f400000000000");
     setup.extend(b"timestamp,target_q,output_int_register_0,");
     let mut expected = hex("00194f01");
