@@ -401,7 +401,8 @@ impl Session {
             let lost = std::mem::take(&mut self.texts_lost);
             return Some(Event::Text { text, lost });
         }
-        let state = self.state.take()?;
+        // A state that came just before the stream broke may itself be the broken one.
+        let state = self.state.take().filter(|_| self.failed.is_none())?;
         Some(Event::State { state, skipped: std::mem::take(&mut self.skipped) })
     }
 

@@ -7,6 +7,7 @@
 mod fields;
 mod machine;
 pub mod script;
+pub mod server;
 pub mod servo;
 pub mod session;
 #[cfg(test)]
@@ -18,11 +19,11 @@ use crate::link::rtde::TextLevel;
 use crate::link::rtde::program::WatchdogAction;
 use fields::{InputValues, REGISTERS, Snapshot};
 use machine::{Machine, Surroundings, WatchdogRequest};
-use script::ScriptError;
 use screed_kernel::arm::Arm;
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
+use script::ScriptError;
 use servo::Servo;
 use session::{Exchange, Session};
 use std::collections::BTreeMap;

@@ -1,7 +1,7 @@
 //! Why the link to the robot failed.
 
-use super::wire::{FieldType, HEADER_LEN, PackageKind};
 use super::Phase;
+use super::wire::{FieldType, HEADER_LEN, PackageKind};
 
 /// Every way in which the RTDE link fails. After the first one the client stays failed: a byte stream that lost its
 /// package borders must not be read on.
@@ -14,7 +14,9 @@ pub enum LinkError {
         rate_hz: u32,
     },
     /// The wanted register offset is none that RTDE has.
-    #[error("RTDE register offset {offset}: set register_offset to 0, or to 24 where a fieldbus owns the lower registers")]
+    #[error(
+        "RTDE register offset {offset}: set register_offset to 0, or to 24 where a fieldbus owns the lower registers"
+    )]
     BadOffset {
         /// As configured.
         offset: u8,
@@ -31,7 +33,9 @@ pub enum LinkError {
         rate_hz: u32,
     },
     /// The controller does not know a field.
-    #[error("the controller has no field {name}: its software is too old for register offset 24 (needs 3.9 / 5.3), or is no UR controller")]
+    #[error(
+        "the controller has no field {name}: its software is too old for register offset 24 (needs 3.9 / 5.3), or is no UR controller"
+    )]
     FieldNotFound {
         /// The field.
         name: &'static str,
@@ -69,7 +73,9 @@ pub enum LinkError {
         max: u16,
     },
     /// A type byte that the protocol does not have.
-    #[error("package type {code:#04x} does not exist: the byte stream is corrupt or the peer is no RTDE server, reconnect")]
+    #[error(
+        "package type {code:#04x} does not exist: the byte stream is corrupt or the peer is no RTDE server, reconnect"
+    )]
     UnknownPackage {
         /// The type byte.
         code: u8,
@@ -97,7 +103,9 @@ pub enum LinkError {
         kind: PackageKind,
     },
     /// A value that the robot cannot have.
-    #[error("{field}[{element}] = {value} is impossible (limit {limit}): the byte stream is corrupt or the robot model is wrong, reconnect")]
+    #[error(
+        "{field}[{element}] = {value} is impossible (limit {limit}): the byte stream is corrupt or the robot model is wrong, reconnect"
+    )]
     ImpossibleValue {
         /// The field.
         field: &'static str,
@@ -142,7 +150,9 @@ pub enum LinkError {
     #[error("setpoints wait unsent: the robot or the network does not take them")]
     TransmitFull,
     /// A setpoint that must not go out.
-    #[error("setpoint of joint {joint} = {value} rad is not finite, out of the arm's range, or all joints are exactly zero")]
+    #[error(
+        "setpoint of joint {joint} = {value} rad is not finite, out of the arm's range, or all joints are exactly zero"
+    )]
     ImpossibleSetpoint {
         /// The first joint at fault (0 is the base).
         joint: u8,

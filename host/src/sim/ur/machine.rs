@@ -318,7 +318,9 @@ impl Evaluation<'_, '_> {
                 Value::Nothing
             }
             (Function::SetWatchdog, [input, frequency, action]) => self.set_watchdog(input, frequency, action)?,
-            (Function::Servoj, [joints, _, _, time, lookahead, gain]) => self.servoj(joints, [time, lookahead, gain])?,
+            (Function::Servoj, [joints, _, _, time, lookahead, gain]) => {
+                self.servoj(joints, [time, lookahead, gain])?
+            }
             // The parser has counted the arguments.
             _ => return Err(self.wrong("another number of arguments", &Value::Nothing)),
         })

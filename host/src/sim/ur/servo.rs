@@ -125,7 +125,8 @@ impl Servo {
             return Ok(());
         }
         let within = since.clamp(command.time, STEP_TIME_MAX.max(command.time));
-        for (joint, ((target, before), limit)) in command.target.iter().zip(&before).zip(&self.speed_max.0).enumerate() {
+        for (joint, ((target, before), limit)) in command.target.iter().zip(&before).zip(&self.speed_max.0).enumerate()
+        {
             let step = target - before;
             // Written so that a step that is not a number fails.
             let followable = step.abs() <= limit * SPEED_MARGIN * within;
@@ -162,5 +163,87 @@ impl Servo {
             self.qd.0[joint] = qd;
             self.qdd.0[joint] = (qd - before) / self.dt;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use screed_kernel::arms::ur::UR10E;
+
+    const DT: f64 = 0.002;
+
+    fn command(target: f64, lookahead: f64, gain: f64) -> ServoCommand {
+        ServoCommand { target: [target; 6], time: DT, lookahead, gain }
+    }
+
+    /// The step response against the closed form of a second-order low-pass, x = 1 − e^(−ζωt)·(cos ω_d t + ζω/ω_d·sin ω_d t)
+    /// (any textbook of control, for example Ogata, "Modern Control Engineering", 5.3).
+    #[test]
+    fn a_small_step_is_answered_as_the_stated_law_answers_it() {
+        for (lookahead, gain) in [(0.1, 300.0), (0.03, 100.0), (0.03, 2000.0)] {
+            let mut servo = Servo::new(&UR10E, JointPos::ZERO, DT);
+            let (natural, damping) = (f64::sqrt(gain), 0.5 * lookahead * f64::sqrt(gain));
+            let damped = natural * (1.0 - damping * damping).sqrt();
+            let step = 0.003;
+            let mut highest: f64 = 0.0;
+            for cycle in 1..=1500_u32 {
+                servo.step(Some(command(step, lookahead, gain))).expect("a small step");
+                let t = f64::from(cycle.saturating_sub(TRANSPORT_CYCLES as u32)) * DT;
+                let swing = (damped * t).cos() + damping * natural / damped * (damped * t).sin();
+                let expected = step * (1.0 - (-damping * natural * t).exp() * swing);
+                assert!((servo.q.0[2] - expected).abs() < 0.01 * step, "gain {gain}, {t} s: {}", servo.q.0[2]);
+                highest = highest.max(servo.q.0[2] / step);
+            }
+            if gain == 100.0 {
+                // ζ = 0.15: the known ringing of a short look-ahead with a low gain.
+                assert!((1.6..1.65).contains(&highest), "{highest}");
+            }
+        }
+    }
+
+    #[test]
+    fn acceleration_and_speed_stay_within_the_limits() {
+        let mut servo = Servo::new(&UR10E, JointPos::ZERO, DT);
+        let mut speed = [0.0; 6];
+        let mut reached: f64 = 0.0;
+        for cycle in 1..=1000_u32 {
+            // The arm's speed in joints 3 to 6, nearly the margin's too much in joints 1 and 2.
+            let target = f64::from(cycle) * DT * 2.2;
+            servo.step(Some(command(target, 0.03, 2000.0))).expect("just followable");
+            for ((now, before), limit) in servo.qd.0.iter().zip(&speed).zip(&UR10E.velocity_max.0) {
+                assert!((now - before).abs() <= ACCELERATION_MAX * DT * (1.0 + 1e-9));
+                assert!(now.abs() <= *limit);
+            }
+            speed = servo.qd.0;
+            reached = reached.max(speed[0]);
+        }
+        assert_eq!(reached, UR10E.velocity_max.0[0]);
+        let cycles = (0..).take_while(|_| {
+            servo.stop();
+            servo.qd.0[0] != 0.0
+        });
+        let expected = UR10E.velocity_max.0[0] / BRAKING / DT;
+        assert!((cycles.count() as f64 - expected).abs() < 1.0);
+    }
+
+    #[test]
+    fn what_no_arm_can_follow_is_refused() {
+        let refused = |targets: &[f64]| {
+            let mut servo = Servo::new(&UR10E, JointPos::ZERO, DT);
+            targets.iter().find_map(|target| servo.step(Some(command(*target, 0.1, 300.0))).err())
+        };
+        assert_eq!(refused(&[0.004, 0.008, 0.012]), None);
+        assert!(refused(&[0.004, 0.008, 0.02]).is_some());
+        assert!(refused(&[f64::NAN]).is_some());
+        assert!(refused(&[f64::INFINITY]).is_some());
+        // A long pause allows a longer step, but not any.
+        let paused = |step| {
+            let mut targets = vec![0.001; 500];
+            targets.push(0.001 + step);
+            refused(&targets)
+        };
+        assert_eq!(paused(0.2), None);
+        assert!(paused(0.25).is_some());
     }
 }

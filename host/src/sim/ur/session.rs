@@ -162,7 +162,7 @@ impl Session {
         }
         let complete = !fields.is_empty() && fields.len() == types.len();
         let size: usize = fields.iter().map(|(field_type, _)| field_type.size()).sum();
-        let fits = size + HEADER_LEN + 1 <= PACKAGE_MAX;
+        let fits = size + HEADER_LEN < PACKAGE_MAX;
         self.outputs = None;
         if complete && rate_possible && fits {
             let id = self.next_recipe();
@@ -234,7 +234,8 @@ impl Session {
 
     /// Sends the recipe's outputs when this cycle is due.
     pub(super) fn send_state(&mut self, snapshot: &Snapshot, inputs: &InputValues) {
-        let Some(recipe) = self.outputs.as_ref().filter(|recipe| self.started && snapshot.cycle % recipe.divisor == 0)
+        let Some(recipe) =
+            self.outputs.as_ref().filter(|recipe| self.started && snapshot.cycle.is_multiple_of(recipe.divisor))
         else {
             return;
         };

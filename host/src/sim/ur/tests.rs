@@ -1,6 +1,5 @@
 //! Client and controller on one wire, in virtual time; and the controller alone against bytes of other clients.
 
-use super::script::ScriptError;
 use super::*;
 use crate::link::rtde::program::{Program, ProgramState};
 use crate::link::rtde::{Event, LinkError, Phase, RobotState, RtdeClient};
@@ -44,7 +43,7 @@ impl Bench {
         Self { client, controller, connection, now: Nanos(0), chunk: 4096, texts: Vec::new() }
     }
 
-    fn to_robot(&mut self) {
+    fn send(&mut self) {
         let mut bytes = vec![0; self.chunk];
         loop {
             let count = self.client.poll_transmit(self.now, &mut bytes);
@@ -55,7 +54,7 @@ impl Bench {
         }
     }
 
-    fn from_robot(&mut self) -> Result<(), LinkError> {
+    fn receive(&mut self) -> Result<(), LinkError> {
         let mut bytes = vec![0; self.chunk];
         loop {
             let count = self.controller.poll_transmit(self.connection, &mut bytes);
@@ -68,11 +67,11 @@ impl Bench {
 
     /// One control cycle; the state that came, if any.
     fn cycle(&mut self) -> Result<Option<RobotState>, LinkError> {
-        self.to_robot();
-        self.from_robot()?;
+        self.send();
+        self.receive()?;
         self.now = self.now.plus(CYCLE_NS);
         self.controller.step();
-        self.from_robot()?;
+        self.receive()?;
         let mut newest = None;
         while let Some(event) = self.client.poll_event() {
             match event {
@@ -136,15 +135,12 @@ fn a_ramp_is_followed_with_the_lag_that_the_model_states() {
         let seen = bench.stream(4.0, |t| shifted(speed * t));
         let (t, sent, state) = seen.last().expect("states");
         let lag = (sent.0[0] - state.actual_q.0[0]) / speed;
-        // One period until the setpoint is in the registers, up to one until servoj takes it, half of one in the mean
-        // because it holds, and two cycles of transport.
-        let period = 1.0 / f64::from(rate_hz);
-println!("{rate_hz} {lookahead} {}", lag-lookahead);
-        let least = lookahead + 2.0 * 0.002;
-        let most = lookahead + 2.0 * 0.002 + 3.0 * period;
-        assert!((least..=most).contains(&lag), "{rate_hz} Hz, look-ahead {lookahead}: lag {lag} at {t}");
+        // Two cycles until it acts, and half a period because servoj holds it.
+        let expected = lookahead + 2.0 * 0.002 + 0.5 / f64::from(rate_hz);
+        assert!((lag - expected).abs() < 5e-4, "{rate_hz} Hz, look-ahead {lookahead}: lag {lag} s at {t}");
         assert_eq!(state.program_state, ProgramState::Following.code());
-        assert!((state.actual_qd.0[3] - speed).abs() < 1e-3 + 0.2 * f64::from(u8::from(rate_hz == 125)));
+        // The targets are steps: at 125 Hz the speed swings around the ramp's by a tenth of it.
+        assert!((state.actual_qd.0[3] - speed).abs() < 0.1 * speed);
     }
 }
 
@@ -348,7 +344,10 @@ fn bytes_of_a_foreign_client_get_the_bytes_it_expects() {
     let mut controller = Controller::new("ur10e", options(&program)).expect("legal");
     let client = controller.connect();
     assert_eq!(answer(&mut controller, client, &hex("0005560002")), hex("00045601"));
-    assert_eq!(answer(&mut controller, client, &hex("000376")), hex("00137600000005 0000000b0000000600000001".replace(' ', "").as_str()));
+    assert_eq!(
+        answer(&mut controller, client, &hex("000376")),
+        hex("00137600000005 0000000b0000000600000001".replace(' ', "").as_str())
+    );
     let mut setup = hex("00344f405f400000000000");
     setup.extend(b"timestamp,target_q,output_int_register_0,");
     let mut expected = hex("00194f01");
@@ -446,57 +445,6 @@ fn random_and_mutated_bytes_never_panic_the_controller() {
             controller.step();
         }
     }
-}
-
-#[test]
-fn random_and_mutated_scripts_never_panic_the_interpreter() {
-    let mut random = 0x5eed_0002_u64;
-    let mut next = move || {
-        random ^= random << 13;
-        random ^= random >> 7;
-        random ^= random << 17;
-        random
-    };
-    let text = program(500, 0, 0.03).text().expect("legal");
-    let lines: Vec<&str> = text.lines().collect();
-    let inputs = InputValues::new();
-    let mut loaded = 0;
-    for _ in 0..2_000 {
-        let mut mutated: Vec<String> = lines.iter().map(|line| (*line).to_owned()).collect();
-        for _ in 0..=next() % 2 {
-            let place = (next() % mutated.len() as u64) as usize;
-            match next() % 4 {
-                0 => _ = mutated.remove(place),
-                1 => mutated[place] = lines[(next() % lines.len() as u64) as usize].to_owned(),
-                2 => mutated.insert(place, lines[(next() % lines.len() as u64) as usize].to_owned()),
-                _ => {
-                    let column = (next() % (mutated[place].len() as u64 + 1)) as usize;
-                    mutated[place].insert(column, char::from((next() % 128) as u8));
-                }
-            }
-        }
-        let Ok(script) = script::parse(&mutated.join("\n")) else { continue };
-        loaded += 1;
-        let mut machine = Machine::new(script);
-        let (mut motion, mut watchdogs, mut output_int) = (None, Vec::new(), [0; REGISTERS]);
-        for cycle in 1..20 {
-            let mut around = Surroundings {
-                cycle,
-                cycles_per_second: 500.0,
-                inputs: &inputs,
-                output_int: &mut output_int,
-                actual_q: START.0,
-                motion: &mut motion,
-                watchdogs: &mut watchdogs,
-            };
-            match machine.step(&mut around) {
-                Ok(true) => {}
-                Ok(false) | Err(ScriptError::Undefined { .. } | ScriptError::Value { .. }) => break,
-                Err(other) => assert!(matches!(other, ScriptError::TooMuch { .. } | ScriptError::SecondMover { .. })),
-            }
-        }
-    }
-    assert!(loaded > 100, "only {loaded} mutants could be loaded");
 }
 
 #[test]

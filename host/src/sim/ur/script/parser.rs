@@ -320,8 +320,7 @@ impl Line<'_> {
     fn call(&mut self, threads: &[(String, Code)], name: String) -> Result<Expression, ScriptError> {
         let line = self.number;
         let arguments = self.items(threads, ")")?;
-        let (function, name, expected) =
-            Function::find(&name).ok_or(ScriptError::UnknownFunction { line, name })?;
+        let (function, name, expected) = Function::find(&name).ok_or(ScriptError::UnknownFunction { line, name })?;
         if arguments.len() != expected {
             return Err(ScriptError::ArgumentCount { line, name, expected, found: arguments.len() });
         }
