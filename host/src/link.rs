@@ -1,1 +1,3 @@
 //! Sans-IO state machines, one per wire.
+
+pub mod extruder;

@@ -1,1 +1,4 @@
 //! The only place with clocks, sockets and threads.
+
+pub mod serial;
+pub mod signal;

@@ -1,1 +1,3 @@
 //! Simulated peers on the real wires.
+
+pub mod extruder;
