@@ -134,7 +134,7 @@ impl Demo {
                 }
             },
             |session, seconds| {
-                if signal::received() && !interrupted {
+                if signal::stop_requested() && !interrupted {
                     interrupted = true;
                     session.stop();
                 }

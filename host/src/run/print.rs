@@ -165,7 +165,7 @@ impl Driver {
                 }
                 Some(Err(TryRecvError::Empty)) | None => {}
             }
-            if signal::received() && stopping.is_none() {
+            if signal::stop_requested() && stopping.is_none() {
                 stopping = Some(Instant::now());
                 session.stop();
             }

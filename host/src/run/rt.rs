@@ -219,7 +219,7 @@ impl Process {
             self.host.exchange(&mut self.core);
             let idle = self.host.stream.is_none()
                 && exit_when_idle.is_some_and(|limit| self.host.idle_since.elapsed().as_secs() >= limit);
-            if (signal::received() || idle) && !ending {
+            if (signal::stop_requested() || idle) && !ending {
                 ending = true;
                 self.core.quit();
             }

@@ -1,26 +1,32 @@
-//! Ctrl-C and termination as a flag that loops look at.
+//! SIGINT and SIGTERM as a flag that a loop looks at.
 
-use std::sync::atomic::{AtomicI32, Ordering};
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-static RECEIVED: AtomicI32 = AtomicI32::new(0);
+static STOP: AtomicBool = AtomicBool::new(false);
 
-extern "C" fn note(signal: libc::c_int) {
-    RECEIVED.store(signal, Ordering::SeqCst);
-}
-
-/// From here on SIGINT and SIGTERM only set the flag. Calls that wait return early with `Interrupted`.
-pub fn catch() {
+/// From now on SIGINT (Ctrl-C) and SIGTERM no longer kill the process but set the flag of [`stop_requested`].
+///
+/// # Errors
+/// The system's.
+pub fn catch_stop() -> io::Result<()> {
     for signal in [libc::SIGINT, libc::SIGTERM] {
-        // SAFETY: the handler only stores to an atomic, which is async-signal-safe; the action outlives the call.
-        unsafe {
-            let mut action: libc::sigaction = std::mem::zeroed();
-            action.sa_sigaction = note as *const () as usize;
-            libc::sigaction(signal, &raw const action, std::ptr::null_mut());
+        // SAFETY: an all-zero sigaction is valid (no flags, empty mask, default handler).
+        let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
+        action.sa_sigaction = on_signal as *const () as libc::sighandler_t;
+        // SAFETY: the handler only stores to an atomic, which is allowed in a signal handler; the action lives until return.
+        if unsafe { libc::sigaction(signal, &action, std::ptr::null_mut()) } != 0 {
+            return Err(io::Error::last_os_error());
         }
     }
+    Ok(())
 }
 
-/// Whether SIGINT or SIGTERM has come.
-pub fn received() -> bool {
-    RECEIVED.load(Ordering::SeqCst) != 0
+/// Whether SIGINT or SIGTERM has come since [`catch_stop`].
+pub fn stop_requested() -> bool {
+    STOP.load(Ordering::Relaxed)
+}
+
+extern "C" fn on_signal(_signal: libc::c_int) {
+    STOP.store(true, Ordering::Relaxed);
 }
