@@ -22,6 +22,17 @@ const PLAYING: u32 = 2;
 const RUNNING: i32 = 7;
 const SAFETY_MOVING: u32 = 0b11;
 
+/// Why there is no such machine for a cell.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CoreError {
+    /// The link.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The extruder's line.
+    #[error(transparent)]
+    Extruder(#[from] ExtruderError),
+}
+
 /// The real-time process as a state machine.
 pub struct Core {
     kernel: Kernel<6, RING>,
@@ -43,14 +54,14 @@ impl Core {
     /// Ready to negotiate with the robot. `realtime` and `note` say what scheduling the process got.
     ///
     /// # Errors
-    /// [`LinkError`] when the cell's link cannot be.
-    pub fn new(cell: &Cell, realtime: bool, note: &str) -> Result<Self, LinkError> {
+    /// [`CoreError`] when the cell's link or extruder line cannot be.
+    pub fn new(cell: &Cell, realtime: bool, note: &str) -> Result<Self, CoreError> {
         let timeout_ns = (cell.link.timeout * 1e9) as u64;
         let robot = RtdeClient::new(&cell.robot.arm, cell.link.rate_hz, cell.link.register_offset, timeout_ns)?;
         Ok(Self {
             kernel: Kernel::new(),
             robot,
-            extruder: ExtruderLine::new(cell.extruder.flow_max),
+            extruder: ExtruderLine::new(cell.extruder.flow_max, timeout_ns)?,
             telemetry: Vec::with_capacity(TELEMETRY_MAX),
             telemetry_dropped: 0,
             record: None,
@@ -168,19 +179,22 @@ impl Core {
 
     /// Tells the extruder to stop; the bytes are in [`Self::to_extruder`].
     pub fn stop_extruder(&mut self) {
-        self.extruder.set_flow(0.0);
+        // Zero is a flow that every extruder takes.
+        let _ = self.extruder.set_flow(0.0);
     }
 
     fn cycle(&mut self, now: Nanos, state: &RobotState, missed: u32) -> Result<(), LinkError> {
         let ready = state.runtime_state == PLAYING
             && state.robot_mode == RUNNING
-            && state.safety_status_bits & SAFETY_MOVING != 0;
+            && state.safety_status_bits & SAFETY_MOVING != 0
+            && self.extruder.status().ready;
         let command = self.kernel.tick(&Sensors { actual: state.actual_q, ready });
         if let Some(joints) = command.joints {
             self.package = self.package.wrapping_add(1);
             self.robot.send_setpoint(self.package, &joints)?;
         }
-        self.extruder.set_flow(if self.extruder_failed { 0.0 } else { command.flow });
+        let flow = self.extruder.set_flow(if self.extruder_failed { 0.0 } else { command.flow });
+        self.check_extruder(flow);
         let list = |joints: &[f64; 6]| joints.iter().copied().collect();
         self.record = Some(CycleRecord {
             tick: self.kernel.status().tick,
@@ -203,7 +217,7 @@ impl Core {
     fn check(&mut self, result: Result<(), LinkError>) -> Result<(), LinkError> {
         if let Err(error) = result {
             self.kernel.robot_lost();
-            self.extruder.set_flow(0.0);
+            self.stop_extruder();
             self.alarm(true, &error);
         }
         result

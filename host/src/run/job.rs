@@ -235,6 +235,10 @@ impl Job {
             FromKernel::Accepted { .. } => {}
             FromKernel::Refused { batch, reason } => self.on_refused(batch, reason)?,
             FromKernel::Alarm { fatal: true, note } => return Err(JobError::Link(note.as_str().to_owned())),
+            // Before the robot is ready there is nothing that could go on.
+            FromKernel::Alarm { note, .. } if self.phase == Phase::Configuring => {
+                return Err(JobError::Link(note.as_str().to_owned()));
+            }
             FromKernel::Alarm { fatal: false, note } => self.alarms.push(note.as_str().to_owned()),
         }
         Ok(())

@@ -4,7 +4,8 @@
 
 use crate::config::{self, Cell, ConfigError};
 use crate::link::rtde::LinkError;
-use crate::run::core::Core;
+use crate::run::core::{Core, CoreError};
+use crate::run::serial::{SerialError, SerialPortNow};
 use crate::run::{realtime, signal};
 use screed_kernel::tick::RECEIVE_MAX;
 use screed_kernel::units::Nanos;
@@ -55,13 +56,14 @@ pub enum RtError {
     #[error(transparent)]
     Link(#[from] LinkError),
     /// The extruder's device cannot be opened.
-    #[error("the extruder's line {device} cannot be opened: {source}", device = .device.display())]
-    Extruder {
-        /// Which device.
-        device: PathBuf,
-        /// Why.
-        source: serialport::Error,
-    },
+    #[error("the extruder: {0}")]
+    Extruder(#[from] SerialError),
+    /// Ctrl-C and termination cannot be caught.
+    #[error("signals cannot be caught: {0}")]
+    Signals(io::Error),
+    /// The machine cannot be made from the cell.
+    #[error(transparent)]
+    Core(#[from] CoreError),
     /// The host's socket cannot be made.
     #[error("the socket {path} cannot be made: {source}", path = .path.display())]
     Socket {
@@ -80,7 +82,7 @@ pub enum RtError {
 /// # Errors
 /// [`RtError`].
 pub fn run(args: &RtArgs) -> Result<(), RtError> {
-    signal::catch();
+    signal::catch_stop().map_err(RtError::Signals)?;
     let cell = config::load(&args.cell)?;
     let scheduling = realtime::enter(&cell.realtime);
     let core = Core::new(&cell, scheduling.realtime, &scheduling.note)?;
@@ -108,13 +110,9 @@ fn connect(cell: &Cell, args: &RtArgs) -> Result<TcpStream, RtError> {
     Err(fail(last))
 }
 
-fn open_extruder(cell: &Cell, args: &RtArgs) -> Result<serialport::TTYPort, RtError> {
+fn open_extruder(cell: &Cell, args: &RtArgs) -> Result<SerialPortNow, RtError> {
     let device = args.extruder.clone().unwrap_or_else(|| cell.extruder.device.clone());
-    // With a time-out of zero the port never makes a reader or writer wait.
-    serialport::new(device.to_string_lossy(), cell.extruder.baud)
-        .timeout(Duration::ZERO)
-        .open_native()
-        .map_err(|source| RtError::Extruder { device, source })
+    Ok(SerialPortNow::open(&device, cell.extruder.baud)?)
 }
 
 /// The host's end: a listener, at most one host, and bytes of it that the kernel has not taken yet.
@@ -187,7 +185,7 @@ impl HostSide {
 struct Process {
     core: Core,
     robot: TcpStream,
-    extruder: serialport::TTYPort,
+    extruder: SerialPortNow,
     extruder_gone: bool,
     host: HostSide,
     start: Instant,
@@ -276,7 +274,6 @@ impl Process {
         let mut bytes = [0; 512];
         match self.extruder.read(&mut bytes) {
             Ok(count) => self.core.on_extruder(now, bytes.get(..count).unwrap_or(&[])),
-            Err(error) if is_wait(&error) => {}
             // Unplugged: its silence becomes a fault in due time; until then there is nothing to wait for on it.
             Err(_) => self.extruder_gone = true,
         }

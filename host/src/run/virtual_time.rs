@@ -3,7 +3,7 @@
 
 use crate::config::Cell;
 use crate::link::rtde::LinkError;
-use crate::run::core::Core;
+use crate::run::core::{Core, CoreError};
 use crate::run::job::Outcome;
 use crate::run::session::{Session, SessionError, Step};
 use crate::sim::extruder::Extruder;
@@ -23,6 +23,9 @@ pub enum VirtualError {
     /// The link.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// The cell.
+    #[error(transparent)]
+    Core(#[from] CoreError),
 }
 
 /// The machines that take part, and what is between them.
@@ -39,13 +42,13 @@ impl World {
     /// The real-time process' machine, connected to a controller and an extruder. `fault` spoils one package of the robot.
     ///
     /// # Errors
-    /// [`LinkError`] when the cell's link cannot be.
+    /// [`CoreError`] when the cell's link or extruder line cannot be.
     pub fn new(
         cell: &Cell,
         mut controller: Controller,
         extruder: Extruder,
         fault: Option<LineFault>,
-    ) -> Result<Self, LinkError> {
+    ) -> Result<Self, CoreError> {
         let client = controller.connect();
         let core = Core::new(cell, false, "virtual time")?;
         Ok(Self { core, controller, client, extruder, line: BadLine::new(fault), now: Nanos(0) })
