@@ -1,5 +1,6 @@
 //! Why a model cannot be read: where, what was expected, what was found, what to do about it.
 
+use crate::failure::{Excerpt, Exit, Failure};
 use std::fmt;
 use std::ops::Range;
 
@@ -280,5 +281,16 @@ impl ModelError {
             | Self::LayerOrder { entity, .. } => &entity.place,
         };
         Some((place.line, place.column, place.span.clone()))
+    }
+}
+
+impl ModelError {
+    /// What a person is told; `source` is the file's text, for the lines that are to blame.
+    pub fn into_failure(self, file: &str, source: &[u8]) -> Failure {
+        let failure = Failure::told(Exit::Input, &self);
+        match self.location() {
+            Some((_, _, span)) => failure.at(Excerpt::new(file, source, span)),
+            None => failure,
+        }
     }
 }

@@ -3,7 +3,7 @@
 use crate::config::Cell;
 use crate::model::fim::Layer;
 use crate::plan::contour::Contour;
-use crate::plan::stream::Planned;
+use crate::plan::stream::Setpoint as Planned;
 use nalgebra::Point3;
 use screed_kernel::arm::Arm;
 use screed_kernel::frame::{CycleRecord, ModeCode};
@@ -172,7 +172,7 @@ impl Account {
         let last = self.last.replace(Last { seq: record.seq, commanded, received_ns: record.received_ns });
         let fresh = moving && last.is_none_or(|last| last.seq != record.seq);
         let planned = if fresh { self.take_expected(record, &commanded) } else { None };
-        let layer = planned.filter(|planned| planned.deposit).and_then(|planned| planned.layer);
+        let layer = planned.filter(|planned| planned.deposit).map(|planned| planned.layer);
         if let Some(layer) = layer {
             self.measure(layer, &commanded, last.map(|last| last.commanded), &actual);
         }

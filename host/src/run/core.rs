@@ -85,7 +85,7 @@ impl Core {
                 Event::State { .. } => {}
                 Event::Text { text, .. } => {
                     if matches!(text.level, TextLevel::Exception | TextLevel::Error) {
-                        self.alarm(false, &format_args!("the controller says: {}", text.message()));
+                        self.alarm(false, &format_args!("the controller says: {}", text.message));
                     }
                 }
             }

@@ -3,7 +3,7 @@
 use crate::config::Cell;
 use crate::failure::{Exit, Failure};
 use crate::link::rtde::program::{Program, WatchdogAction};
-use crate::model::fim::{self, FimModel};
+use crate::model::fim;
 use crate::plan::Options as PlanOptions;
 use crate::run::children::{self, Process};
 use crate::run::job::Outcome;
@@ -11,14 +11,16 @@ use crate::run::print::{self, Print};
 use crate::run::session::{Session, Wishes};
 use crate::run::summary::Summary;
 use crate::run::virtual_time::{self, VirtualError, World};
-use crate::run::{record, signal};
-use crate::sim::extruder::Extruder;
+use crate::run::signal;
+use crate::sim::extruder::{Extruder, TIME_CONSTANT};
 use crate::sim::line::LineFault;
+use crate::sim::ur::record::Record;
 use crate::sim::ur::{Controller, Options as ControllerOptions};
 use screed_fixtures::{QuarterCircle, quarter_circle};
 use std::fs;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// The demo's model, as it is called in reports.
 const MODEL_NAME: &str = "quarter-circle.ifc";
@@ -53,7 +55,7 @@ impl Demo {
     /// [`Failure`].
     pub fn run(&self) -> Result<Summary, Failure> {
         let text = quarter_circle(&QuarterCircle::default());
-        let model = fim::parse(MODEL_NAME, text.as_bytes())?;
+        let model = fim::parse(MODEL_NAME, text.as_bytes()).map_err(|e| e.into_failure(MODEL_NAME, text.as_bytes()))?;
         let cell = Cell::demo(self.rate_hz)?;
         let program = match &self.program {
             Some(path) => fs::read_to_string(path).map_err(|error| unreadable(path, &error))?,
@@ -75,7 +77,7 @@ impl Demo {
 
     /// Every part in a process of its own.
     fn timed(&self, print: &Print<'_>, program: &str) -> Result<Summary, Failure> {
-        signal::catch();
+        catch_signals()?;
         let folder = Folder::new()?;
         let program_file = folder.0.join("robot.script");
         fs::write(&program_file, program).map_err(|error| unreadable(&program_file, &error))?;
@@ -107,7 +109,7 @@ impl Demo {
 
     /// One thread, virtual time.
     fn fast(&self, print: &Print<'_>, program: String) -> Result<Summary, Failure> {
-        signal::catch();
+        catch_signals()?;
         let cell = print.cell;
         let options = ControllerOptions {
             start_q: cell.robot.start,
@@ -118,9 +120,9 @@ impl Demo {
         };
         let controller = Controller::new(&cell.robot.model, options)
             .map_err(|error| Failure::new(Exit::Input, error.to_string(), "choose a robot that is simulated"))?;
-        let extruder = Extruder::new(cell.extruder.flow_max);
+        let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT)?;
         let mut world = World::new(cell, controller, extruder, self.line_fault).map_err(VirtualError::from)?;
-        let mut record = self.record.as_deref().map(record::Recorder::create).transpose()?;
+        let mut record = self.record.as_deref().map(Record::create).transpose()?;
         let mut record_error = None;
         let log = print::open_log(cell, print)?;
         let mut session = Session::new(cell, print.model, print.wishes.clone(), log);
@@ -130,7 +132,7 @@ impl Demo {
             &mut session,
             &mut |cycle| {
                 if let Some(record) = &mut record {
-                    record_error = record_error.take().or(record.push(cycle).err());
+                    record_error = record_error.take().or(record.row(cycle, Duration::ZERO).err());
                 }
             },
             |session, seconds| {
@@ -153,7 +155,7 @@ impl Demo {
             Outcome::Stopped => "stopped",
         };
         record_error.map_or(Ok(()), Err)?;
-        record.map_or(Ok(()), record::Recorder::finish)?;
+        record.as_mut().map_or(Ok(()), Record::finish)?;
         let mut summary = session.summary(print.source.0, outcome);
         "virtual time".clone_into(&mut summary.scheduling_note);
         summary.log = print.log.as_ref().map(|path| path.display().to_string());
@@ -203,6 +205,13 @@ impl Drop for Folder {
     }
 }
 
+fn catch_signals() -> Result<(), Failure> {
+    let fail = |error: std::io::Error| {
+        Failure::new(Exit::Failed, format!("Ctrl-C cannot be caught: {error}"), "run it where signals can be handled")
+    };
+    signal::catch_stop().map_err(fail)
+}
+
 fn announced(line: &str, key: &str) -> Result<String, Failure> {
     let value = serde_json::from_str::<serde_json::Value>(line).ok();
     value.as_ref().and_then(|value| value.get(key)?.as_str().map(str::to_owned)).ok_or_else(|| {
@@ -219,6 +228,7 @@ impl From<VirtualError> for Failure {
     fn from(error: VirtualError) -> Self {
         match error {
             VirtualError::Session(error) => error.into(),
+            VirtualError::Core(error) => Self::new(Exit::Input, error.to_string(), "correct the cell file"),
             VirtualError::Link(error) => {
                 Self::new(Exit::Link, error.to_string(), "mend the link and start again; nothing moves by itself")
             }

@@ -2,8 +2,8 @@
 //! starts it when told to, and sees it to the end. Frames in, frames out; no clock, no socket.
 
 use crate::config::Cell;
-use crate::plan::PlanError;
-use crate::plan::stream::{Batch, Planned, Stream};
+use crate::plan::{Plan, PlanError};
+use crate::plan::stream::{Batch, Batches, Setpoint as Planned};
 use crate::run::account::Account;
 use screed_kernel::frame::{
     self, BatchPart, CODE_MAX, Configure, CycleRecord, FaultReport, FrameError, FromKernel, ModeCode, Reader, Refusal,
@@ -11,6 +11,7 @@ use screed_kernel::frame::{
 };
 use screed_kernel::setpoint::{CodeError, Coder, Setpoint};
 use screed_kernel::units::JointPos;
+use std::sync::Arc;
 
 /// How far ahead of the path clock the ring is kept filled (s).
 pub const LOOK_AHEAD: f64 = 4.0;
@@ -102,7 +103,7 @@ pub struct Job {
     /// What the process said of itself: real-time or not, and why not.
     process: Option<(bool, String)>,
     out: Vec<u8>,
-    stream: Option<Stream>,
+    stream: Option<Batches<Arc<Plan>>>,
     next: Option<Outgoing>,
     /// The batch whose answer has not come.
     unanswered: Option<u32>,
@@ -175,7 +176,7 @@ impl Job {
     }
 
     /// Begins to fill the ring from `stream` and plays it: a person has said so.
-    pub fn begin(&mut self, stream: Stream) {
+    pub fn begin(&mut self, stream: Batches<Arc<Plan>>) {
         if matches!(self.phase, Phase::Ready(_)) {
             self.stream = Some(stream);
             self.phase = Phase::Streaming;

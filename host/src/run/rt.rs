@@ -288,7 +288,7 @@ impl Process {
     /// Waits for any line, at most until the next deadline.
     fn wait(&self) -> Result<(), RtError> {
         let entry = |fd: RawFd| libc::pollfd { fd, events: libc::POLLIN, revents: 0 };
-        let extruder = if self.extruder_gone { -1 } else { self.extruder.as_raw_fd() };
+        let extruder = if self.extruder_gone { -1 } else { self.extruder.descriptor() };
         let mut lines = [entry(self.robot.as_raw_fd()), entry(self.host.fd()), entry(extruder)];
         let until = self.core.deadline().map_or(100_000_000, |deadline| deadline.since(self.now()));
         let milliseconds = until.div_ceil(1_000_000).min(100) as libc::c_int;

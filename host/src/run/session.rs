@@ -2,14 +2,18 @@
 //! streams, shows progress, logs, and gives the account at the end. The timed print and virtual time both drive it.
 
 use crate::config::Cell;
-use crate::log::{LogError, LogWriter};
+use crate::log::{CycleRecord as LogRecord, Flags, LogError, LogWriter};
 use crate::model::fim::FimModel;
-use crate::plan::stream::Planned;
-use crate::plan::{Plan, PlanError, PlanOptions};
+use crate::plan::moves::MoveKind;
+use crate::plan::route::Route;
+use crate::plan::stream::{Batches, Setpoint as Planned};
+use crate::plan::{Options as PlanOptions, Plan, PlanError};
 use crate::run::account::Account;
 use crate::run::job::{Job, JobError, Outcome, Phase};
 use crate::run::summary::Summary;
-use screed_kernel::units::JointPos;
+use screed_kernel::frame::CycleRecord;
+use screed_kernel::units::{JointPos, Nanos, Tick};
+use std::sync::Arc;
 
 /// Why a print failed.
 #[derive(Debug, thiserror::Error)]
@@ -53,7 +57,7 @@ pub struct Session<'a> {
     job: Job,
     log: Option<LogWriter>,
     log_error: Option<LogError>,
-    plan: Option<Plan>,
+    plan: Option<Arc<Plan>>,
     /// Time at which motion began (s, the driver's clock).
     began: Option<f64>,
     /// The path setpoint commanded last.
@@ -78,7 +82,7 @@ impl<'a> Session<'a> {
             if let Some(log) = log
                 && log_error.is_none()
             {
-                *log_error = log.push(record, at.as_ref().and_then(|planned| planned.layer)).err();
+                *log_error = log.push(&logged(record, at.as_ref())).err();
             }
         })?;
         self.log_error.take().map_or(Ok(()), |error| Err(error.into()))
@@ -99,7 +103,7 @@ impl<'a> Session<'a> {
     pub fn step(&mut self, now: f64) -> Result<Step, SessionError> {
         match self.job.phase() {
             Phase::Ready(at) if self.plan.is_none() => {
-                self.plan = Some(Plan::new(self.model, self.cell, &self.wishes.plan, &at)?);
+                self.plan = Some(Arc::new(Plan::new(self.model, self.cell, &self.wishes.plan, &at)?));
                 Ok(Step::Confirm)
             }
             Phase::Streaming => {
@@ -117,7 +121,7 @@ impl<'a> Session<'a> {
     /// A person has seen the approach and says: move.
     pub fn confirm(&mut self) {
         if let Some(plan) = &self.plan {
-            self.job.begin(plan.stream());
+            self.job.begin(Batches::new(Arc::clone(plan)));
         }
     }
 
@@ -132,19 +136,19 @@ impl<'a> Session<'a> {
     }
 
     /// The plan, once there is one.
-    pub const fn plan(&self) -> Option<&Plan> {
-        self.plan.as_ref()
+    pub fn plan(&self) -> Option<&Plan> {
+        self.plan.as_deref()
     }
 
     /// Where the tool is on the path, and for how long it has been moving (s).
     pub fn progress(&self, now: f64) -> Option<Progress> {
         let plan = self.plan.as_ref()?;
         let at = self.at?;
-        let total = plan.setpoints();
+        let total = plan.last_seq();
         let left = f64::from(total.saturating_sub(at.seq)) * self.period();
         Some(Progress {
-            layer: at.layer,
-            layers: plan.layers(),
+            layer: at.deposit.then_some(at.layer),
+            layers: layers(plan),
             share: f64::from(at.seq) / f64::from(total.max(1)),
             seconds_left: left,
             seconds: self.began.map_or(0.0, |began| now - began),
@@ -174,15 +178,60 @@ impl Session<'_> {
             summary.scheduling_note = note.to_owned();
         }
         if let Some(plan) = &self.plan {
-            summary.layers = plan.layers();
-            summary.path_length_m = plan.deposit_length();
-            summary.layer_time_s = plan.deposit_time();
-            summary.between_time_s = plan.duration() - plan.deposit_time();
-            summary.planned = plan.setpoints();
+            let seconds = |periods: u32| f64::from(periods) * self.period();
+            let deposits = || plan.moves().iter().filter(|step| step.kind == MoveKind::Deposit);
+            summary.layers = layers(plan);
+            summary.path_length_m = deposits().map(|step| route_length(&step.route)).sum();
+            summary.layer_time_s = deposits().map(|step| seconds(step.periods)).sum();
+            summary.between_time_s = plan.moves().iter().map(|step| seconds(step.periods)).sum::<f64>();
+            summary.between_time_s -= summary.layer_time_s;
+            summary.planned = plan.last_seq();
         }
         summary.figures = self.job.account().figures.clone();
         summary.hash = format!("{:016x}", self.job.account().hash());
         summary
+    }
+}
+
+/// Positions in the model of the first layer of a plan and of the one behind its last.
+fn layers(plan: &Plan) -> (usize, usize) {
+    let mut deposits = plan.moves().iter().filter(|step| step.kind == MoveKind::Deposit);
+    let first = deposits.next().map_or(0, |step| step.layer);
+    (first, deposits.last().map_or(first, |step| step.layer) + 1)
+}
+
+fn route_length(route: &Route) -> f64 {
+    match route {
+        Route::Curves(curves) => curves.length(),
+        Route::Joints { .. } => 0.0,
+    }
+}
+
+/// A cycle as the log has it. While the robot is not ready nothing is commanded; the actual joints then stand in both places.
+fn logged(record: &CycleRecord, at: Option<&Planned>) -> LogRecord {
+    let joints = |values: &[f64]| <[f64; 6]>::try_from(values).map(JointPos);
+    let actual = joints(&record.actual).unwrap_or(JointPos::ZERO);
+    let mut flags = 0;
+    if record.deposit {
+        flags |= Flags::DEPOSIT.0;
+    }
+    if record.missed > 0 {
+        flags |= Flags::SKIPPED.0;
+    }
+    LogRecord {
+        tick: Tick(record.tick),
+        received: Nanos(record.received_ns),
+        ticked: Nanos(record.ticked_ns),
+        sent: Nanos(record.sent_ns),
+        robot_timestamp: record.robot_time,
+        seq: record.seq,
+        mode: record.mode as u8,
+        flags: Flags(flags),
+        layer: at.map_or(0, |at| u16::try_from(at.layer).unwrap_or(u16::MAX)),
+        rate: record.rate,
+        flow: record.flow,
+        commanded: joints(&record.commanded).unwrap_or(actual),
+        actual,
     }
 }
 

@@ -50,7 +50,8 @@ impl World {
         fault: Option<LineFault>,
     ) -> Result<Self, CoreError> {
         let client = controller.connect();
-        let core = Core::new(cell, false, "virtual time")?;
+        let mut core = Core::new(cell, false, "virtual time")?;
+        core.on_host_attached();
         Ok(Self { core, controller, client, extruder, line: BadLine::new(fault), now: Nanos(0) })
     }
 
