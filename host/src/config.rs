@@ -1,1 +1,192 @@
-//! The cell file.
+//! The cell file: robot, tool, part, limits, link and extruder of one cell, in TOML. `docs/cell.md` is its manual.
+//!
+//! Units stand in the keys (`lift_mm`) and end here: every field below is SI. A file with anything unknown, missing or
+//! impossible in it gives no [`Cell`], but all that is wrong with it, each with its place and a remedy.
+
+mod error;
+mod keys;
+mod read;
+mod sections;
+#[cfg(test)]
+mod tests;
+
+pub use error::{ConfigError, Fault, Finding};
+
+use read::Document;
+use screed_kernel::arm::Arm;
+use screed_kernel::pose::Pose;
+use screed_kernel::units::{JointAcc, JointJerk, JointPos, JointVel};
+use std::path::{Path, PathBuf};
+
+/// One cell: what stands where, and what it may do.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cell {
+    /// The cell's name, for reports and logs.
+    pub name: String,
+    /// The robot.
+    pub robot: Robot,
+    /// What is mounted on its flange.
+    pub tool: Tool,
+    /// Where the part is built.
+    pub part: Part,
+    /// The limits of the tool while it deposits.
+    pub limits: Limits,
+    /// The limits of the tool between layers, and of the approach.
+    pub travel: Travel,
+    /// How the robot is reached.
+    pub link: Link,
+    /// The extruder.
+    pub extruder: Extruder,
+    /// How the real-time process is scheduled.
+    pub realtime: Realtime,
+}
+
+/// The robot and the limits of its joints.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot {
+    /// The name in the catalogue: "ur10e".
+    pub model: String,
+    /// Its geometry and data sheet.
+    pub arm: Arm<6>,
+    /// Whether a simulated controller answers at the link's address. A robot that is not simulated moves only when a
+    /// person says so on the command line.
+    pub simulated: bool,
+    /// Joints from which a plan without a robot approaches, and where a simulated robot starts (rad).
+    pub start: JointPos<6>,
+    /// Highest joint speeds (rad/s), none above the data sheet.
+    pub joint_velocity_max: JointVel<6>,
+    /// Highest joint accelerations (rad/s²); no data sheet gives them.
+    pub joint_acceleration_max: JointAcc<6>,
+    /// Highest joint jerks (rad/s³); no data sheet gives them.
+    pub joint_jerk_max: JointJerk<6>,
+    /// Largest difference between commanded and actual joints at equal stamps (rad) before the job stops.
+    pub following_error_max: f64,
+}
+
+/// What is mounted on the flange.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tool {
+    /// The nozzle's tip, z out of the nozzle, in the flange frame.
+    pub flange_from_tcp: Pose,
+}
+
+/// Where the part is built.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Part {
+    /// The part frame (the FIM wall's placement) in the robot's base frame.
+    pub base_from_part: Pose,
+}
+
+/// Limits of the tool centre point while it deposits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Highest speed (m/s).
+    pub path_velocity_max: f64,
+    /// Highest acceleration, tangential and centripetal together (m/s²).
+    pub path_acceleration_max: f64,
+    /// Highest jerk along the path (m/s³).
+    pub path_jerk_max: f64,
+}
+
+/// Limits of the tool centre point between layers, and of the approach.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Travel {
+    /// Height by which the tool is lifted off a layer before it travels (m).
+    pub lift: f64,
+    /// Highest speed (m/s).
+    pub velocity_max: f64,
+    /// Highest acceleration (m/s²).
+    pub acceleration_max: f64,
+    /// Highest jerk (m/s³).
+    pub jerk_max: f64,
+    /// Share (0 to 1) of the joint limits that the approach in joint space uses.
+    pub approach_joint_share: f64,
+}
+
+/// The wire between Screed and the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LinkKind {
+    /// Universal Robots' Real-Time Data Exchange.
+    Rtde,
+}
+
+/// How the robot is reached, and how its program follows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Link {
+    /// The protocol.
+    pub kind: LinkKind,
+    /// Host name or IP address, without port.
+    pub address: String,
+    /// TCP port.
+    pub port: u16,
+    /// Setpoints a second: 125 or 500.
+    pub rate_hz: u32,
+    /// First input register that Screed uses: 0 or 24.
+    pub register_offset: u8,
+    /// Silence of the robot after which the job stops (s).
+    pub timeout: f64,
+    /// Silence of Screed after which the robot's program stops (s).
+    pub watchdog: f64,
+    /// servoj's lookahead_time (s), 0.03 to 0.2.
+    pub servoj_lookahead: f64,
+    /// servoj's gain, 100 to 2000.
+    pub servoj_gain: f64,
+}
+
+/// The extruder on its serial line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Extruder {
+    /// The serial device.
+    pub device: PathBuf,
+    /// Bits a second.
+    pub baud: u32,
+    /// Highest volume flow (m³/s).
+    pub flow_max: f64,
+}
+
+/// How the real-time process is scheduled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Realtime {
+    /// SCHED_FIFO priority, 1 to 99.
+    pub priority: u8,
+    /// The processor it is bound to; `None` leaves the choice to the system.
+    pub cpu: Option<usize>,
+}
+
+/// Reads a cell file.
+///
+/// # Errors
+/// [`ConfigError`] when the file cannot be read or anything in it is wrong.
+pub fn load(path: &Path) -> Result<Cell, ConfigError> {
+    let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Read { file: path.to_owned(), source })?;
+    parse(&path.to_string_lossy(), &text)
+}
+
+/// Reads a cell from the text of a cell file; `name` is the file's name for messages.
+///
+/// # Errors
+/// [`ConfigError::Invalid`] with everything that is wrong.
+pub fn parse(name: &str, text: &str) -> Result<Cell, ConfigError> {
+    let mut document = Document::new(name, text);
+    // Of a text that is no TOML, the rest would be guesses.
+    let cell = if document.is_broken() { None } else { sections::cell(&mut document) };
+    match cell {
+        Some(cell) if !document.is_broken() => Ok(cell),
+        _ => Err(ConfigError::Invalid { findings: document.into_findings() }),
+    }
+}
+
+impl Cell {
+    /// The cell of `screed demo`, `fixtures/cells/demo.toml`, at the given rate (Hz).
+    ///
+    /// # Errors
+    /// [`ConfigError::DemoRate`] for a rate other than 125 or 500.
+    pub fn demo(rate_hz: u32) -> Result<Self, ConfigError> {
+        if !sections::RATES_HZ.contains(&i64::from(rate_hz)) {
+            return Err(ConfigError::DemoRate { found: rate_hz });
+        }
+        let mut cell = parse("demo.toml", include_str!("../../fixtures/cells/demo.toml"))?;
+        cell.link.rate_hz = rate_hz;
+        Ok(cell)
+    }
+}

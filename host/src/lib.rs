@@ -1,6 +1,7 @@
 //! Screed's host: models, planning, links, simulated peers, and the processes that run them.
 
 pub mod config;
+pub mod failure;
 pub mod link;
 pub mod log;
 pub mod model;

@@ -1,0 +1,209 @@
+//! The sections of a cell file, one function each. Each asks for all its keys before it gives up on any, so that one run
+//! reports everything that is wrong.
+
+use super::keys;
+use super::read::{Document, Section};
+use super::{Cell, Extruder, Limits, Link, LinkKind, Part, Realtime, Robot, Tool, Travel};
+use nalgebra::Vector3;
+use screed_kernel::arm::Arm;
+use screed_kernel::arms::ur::UR10E;
+use screed_kernel::pose::Pose;
+use screed_kernel::units::{JointAcc, JointJerk, JointPos, JointVel};
+use std::path::PathBuf;
+
+/// The rates that RTDE setpoints can have here (Hz).
+pub(super) const RATES_HZ: [i64; 2] = [125, 500];
+/// First register of the two ranges that RTDE clients may write.
+const REGISTER_OFFSETS: [i64; 2] = [0, 24];
+/// The robots that a cell can have.
+const ARMS: [Arm<6>; 1] = [UR10E];
+const SECTIONS: [&str; 8] = ["robot", "tool", "part", "limits", "travel", "link", "extruder", "realtime"];
+
+/// The whole cell; `None` when anything was wrong, which the document then knows.
+pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
+    let mut top = document.top(&SECTIONS);
+    let name = top.text("name").map(str::to_owned);
+    top.finish();
+    let robot = robot(document);
+    let tool = pose(document, "tool");
+    let part = pose(document, "part");
+    let limits = limits(document);
+    let travel = travel(document);
+    let link = link(document, robot.as_ref().map(|robot| robot.simulated));
+    let extruder = extruder(document);
+    let realtime = realtime(document);
+    Some(Cell {
+        name: name?,
+        robot: robot?,
+        tool: Tool { flange_from_tcp: tool? },
+        part: Part { base_from_part: part? },
+        limits: limits?,
+        travel: travel?,
+        link: link?,
+        extruder: extruder?,
+        realtime: realtime?,
+    })
+}
+
+fn robot(document: &mut Document<'_>) -> Option<Robot> {
+    let mut section = document.section("robot");
+    let arm = arm(&mut section);
+    let simulated = section.boolean("simulated");
+    let start = section.numbers(&keys::START);
+    let data_sheet = arm.map_or(UR10E.velocity_max, |arm| arm.velocity_max);
+    let velocity = section.numbers_or(&keys::JOINT_VELOCITY, data_sheet.0);
+    let velocity = velocity.and_then(|velocity| within_data_sheet(&mut section, velocity, &data_sheet));
+    let acceleration = section.numbers(&keys::JOINT_ACCELERATION);
+    let jerk = section.numbers(&keys::JOINT_JERK);
+    let following_error_max = section.number(&keys::FOLLOWING_ERROR);
+    section.finish();
+    let arm = arm?;
+    Some(Robot {
+        model: arm.name.to_owned(),
+        arm,
+        simulated: simulated?,
+        start: JointPos(start?),
+        joint_velocity_max: JointVel(velocity?),
+        joint_acceleration_max: JointAcc(acceleration?),
+        joint_jerk_max: JointJerk(jerk?),
+        following_error_max: following_error_max?,
+    })
+}
+
+fn arm(section: &mut Section<'_, '_>) -> Option<Arm<6>> {
+    let model = section.text("model")?;
+    if let Some(arm) = ARMS.iter().find(|arm| arm.name == model) {
+        return Some(*arm);
+    }
+    let names: Vec<_> = ARMS.iter().map(|arm| format!("{:?}", arm.name)).collect();
+    section.impossible("model", &names.join(" or "), &format!("{model:?}"))
+}
+
+fn within_data_sheet(section: &mut Section<'_, '_>, wanted: [f64; 6], data_sheet: &JointVel<6>) -> Option<[f64; 6]> {
+    let above = (0..).zip(wanted.iter().zip(&data_sheet.0)).find(|(_, (wanted, sheet))| wanted > sheet);
+    let Some((joint, (wanted, sheet))) = above.map(|(joint, pair): (usize, _)| (joint + 1, pair)) else {
+        return Some(wanted);
+    };
+    let expected = format!("no more than the data sheet's {:.1} deg/s for joint {joint}", sheet.to_degrees());
+    section.impossible(keys::JOINT_VELOCITY.name, &expected, &format!("{:.1} deg/s", wanted.to_degrees()))
+}
+
+fn pose(document: &mut Document<'_>, name: &'static str) -> Option<Pose> {
+    let mut section = document.section(name);
+    let xyz = section.numbers(&keys::XYZ);
+    let rpy = section.numbers(&keys::RPY);
+    section.finish();
+    let [roll, pitch, yaw] = rpy?;
+    Some(Pose::from_roll_pitch_yaw(Vector3::from(xyz?), roll, pitch, yaw))
+}
+
+fn limits(document: &mut Document<'_>) -> Option<Limits> {
+    let mut section = document.section("limits");
+    let velocity = section.number(&keys::VELOCITY);
+    let acceleration = section.number(&keys::ACCELERATION);
+    let jerk = section.number(&keys::JERK);
+    section.finish();
+    Some(Limits { path_velocity_max: velocity?, path_acceleration_max: acceleration?, path_jerk_max: jerk? })
+}
+
+fn travel(document: &mut Document<'_>) -> Option<Travel> {
+    let mut section = document.section("travel");
+    let lift = section.number(&keys::LIFT);
+    let velocity = section.number(&keys::VELOCITY);
+    let acceleration = section.number(&keys::ACCELERATION);
+    let jerk = section.number(&keys::JERK);
+    let share = section.number(&keys::JOINT_SHARE);
+    section.finish();
+    Some(Travel {
+        lift: lift?,
+        velocity_max: velocity?,
+        acceleration_max: acceleration?,
+        jerk_max: jerk?,
+        approach_joint_share: share?,
+    })
+}
+
+fn link(document: &mut Document<'_>, simulated: Option<bool>) -> Option<Link> {
+    let mut section = document.section("link");
+    let kind = kind(&mut section);
+    let address = section.text("address");
+    let address = address.and_then(|address| host(&mut section, address, simulated));
+    let port = section.integer_or("port", 1..=65_535, 30_004);
+    let rate = section.either("rate_hz", RATES_HZ);
+    let register_offset = section.either_or("register_offset", REGISTER_OFFSETS, 0);
+    let timeout = section.number_or(&keys::TIMEOUT, 0.1);
+    let watchdog = section.number_or(&keys::WATCHDOG, 0.1);
+    let lookahead = section.number_or(&keys::LOOKAHEAD, 0.1);
+    let gain = section.number_or(&keys::GAIN, 300.0);
+    for (key, duration) in [(&keys::TIMEOUT, timeout), (&keys::WATCHDOG, watchdog)] {
+        if let (Some(rate), Some(duration)) = (rate, duration) {
+            at_least_two_cycles(&mut section, key.name, rate, duration);
+        }
+    }
+    section.finish();
+    Some(Link {
+        kind: kind?,
+        address: address?,
+        port: u16::try_from(port?).ok()?,
+        rate_hz: u32::try_from(rate?).ok()?,
+        register_offset: u8::try_from(register_offset?).ok()?,
+        timeout: timeout?,
+        watchdog: watchdog?,
+        servoj_lookahead: lookahead?,
+        servoj_gain: gain?,
+    })
+}
+
+fn kind(section: &mut Section<'_, '_>) -> Option<LinkKind> {
+    match section.text("kind")? {
+        "rtde" => Some(LinkKind::Rtde),
+        other => section.impossible("kind", "\"rtde\"", &format!("{other:?}")),
+    }
+}
+
+/// A host alone; and for a simulated robot this machine, so that a slip cannot make a real robot pass for a simulated one.
+fn host(section: &mut Section<'_, '_>, address: &str, simulated: Option<bool>) -> Option<String> {
+    let found = format!("{address:?}");
+    let is_ipv6 = address.parse::<std::net::Ipv6Addr>().is_ok();
+    if address.contains(|c: char| c.is_whitespace() || c == '/') || (address.contains(':') && !is_ipv6) {
+        return section.impossible("address", "a host name or IP address alone (the port is a key of its own)", &found);
+    }
+    let loopback = address == "localhost" || address.parse().is_ok_and(|ip: std::net::IpAddr| ip.is_loopback());
+    if simulated == Some(true) && !loopback {
+        let expected = "\"127.0.0.1\" for a simulated robot (or [robot] simulated = false)";
+        return section.impossible("address", expected, &found);
+    }
+    Some(address.to_owned())
+}
+
+/// A silence shorter than two cycles would be none.
+fn at_least_two_cycles(section: &mut Section<'_, '_>, name: &str, rate_hz: i64, duration: f64) {
+    let (cycles_ms, found_ms) = (2.0 * 1e3 / rate_hz as f64, duration * 1e3);
+    if found_ms < cycles_ms {
+        let expected = format!("at least {cycles_ms}, two cycles at {rate_hz} Hz");
+        section.impossible::<()>(name, &expected, &found_ms.to_string());
+    }
+}
+
+fn extruder(document: &mut Document<'_>) -> Option<Extruder> {
+    let mut section = document.section("extruder");
+    let device = section.text("device").map(PathBuf::from);
+    let baud = section.integer_or("baud", 9600..=4_000_000, 115_200);
+    let flow_max = section.number(&keys::FLOW);
+    section.finish();
+    Some(Extruder { device: device?, baud: u32::try_from(baud?).ok()?, flow_max: flow_max? })
+}
+
+/// The one section that may be left out.
+fn realtime(document: &mut Document<'_>) -> Option<Realtime> {
+    const PRIORITY: i64 = 80;
+    let (mut priority, mut cpu) = (Some(PRIORITY), Some(None));
+    if document.has("realtime") {
+        let mut section = document.section("realtime");
+        priority = section.integer_or("priority", 1..=99, PRIORITY);
+        cpu = section.integer_if_given("cpu", 0..=1023);
+        section.finish();
+    }
+    let cpu = cpu?.map(usize::try_from).transpose().ok()?;
+    Some(Realtime { priority: u8::try_from(priority?).ok()?, cpu })
+}
