@@ -74,8 +74,17 @@ pub struct Profile {
     phases: Vec<Phase>,
     /// Ends of the runs between rests (time s, arc length m), the last one being the end of the move.
     rests: Vec<[f64; 2]>,
-    cruise: f64,
+    pace: Pace,
     limited: Limited,
+}
+
+/// What a profile is made with besides its limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace {
+    /// The speed sought on every stretch (m/s).
+    pub cruise: f64,
+    /// Softness of the ramps, see [`Ramp::new`]: 1 for the paper's.
+    pub softness: f64,
 }
 
 /// What kept stretches from the cruise speed.
@@ -106,47 +115,40 @@ struct Leg {
 }
 
 impl Profile {
-    /// The quickest profile within the limits. Lengths, limits must be positive and finite, curvatures not negative.
+    /// The quickest profile within the limits. Lengths and limits must be positive and finite, curvatures not negative.
     pub fn quickest(stretches: &[Stretch], limits: &PathLimits) -> Self {
-        let best =
-            Self::trial_speeds(limits).map(|speed| (duration(&legs(stretches, limits, speed), limits.jerk_max), speed));
-        let (_, speed) = best.fold((f64::INFINITY, limits.velocity_max), |a, b| if b.0 < a.0 { b } else { a });
-        Self::cruising(stretches, limits, speed)
+        let (_, pace) = quickest_of(stretches, limits, 0.0);
+        Self::at(stretches, limits, pace)
     }
 
-    /// The profile that takes `wanted` seconds, by way of its cruise speed.
+    /// The profile that takes `wanted` seconds: with the paper's ramps by way of its cruise speed, and where these are too
+    /// slow even at the highest speed, by way of their softness.
     ///
     /// # Errors
-    /// [`TooShort`] when no cruise speed within the limits is quick enough.
+    /// [`TooShort`] when the limits do not allow it.
     pub fn lasting(stretches: &[Stretch], limits: &PathLimits, wanted: f64) -> Result<Self, TooShort> {
-        let time = |speed| duration(&legs(stretches, limits, speed), limits.jerk_max);
-        let quick = Self::trial_speeds(limits).find(|&speed| time(speed) <= wanted);
-        let Some(mut quick) = quick else {
-            return Err(TooShort { shortest: Self::trial_speeds(limits).map(time).fold(f64::INFINITY, f64::min) });
-        };
+        let quick_enough = |pace| duration(&legs(stretches, limits, pace), limits, pace) <= wanted;
         // Time grows without bound as the speed falls, so that one speed in between takes exactly the time wanted.
-        let mut slow = 0.0;
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (slow + quick);
-            if time(middle) <= wanted { quick = middle } else { slow = middle }
+        let soft = |cruise| Pace { cruise, softness: 1.0 };
+        if let Some(cruise) = trial_speeds(limits).find(|&cruise| quick_enough(soft(cruise))) {
+            return Ok(Self::at(stretches, limits, soft(last_that(cruise, 0.0, |cruise| quick_enough(soft(cruise))))));
         }
-        Ok(Self::cruising(stretches, limits, quick))
+        let (shortest, Pace { cruise, .. }) = quickest_of(stretches, limits, 0.0);
+        if shortest.is_nan() || shortest > wanted || wanted.is_nan() {
+            return Err(TooShort { shortest });
+        }
+        let pace = |softness| Pace { cruise, softness };
+        Ok(Self::at(stretches, limits, pace(last_that(0.0, 1.0, |softness| quick_enough(pace(softness))))))
     }
 
-    /// The highest speed, and lower ones: a lower one may take less time where a curve's share of the acceleration leaves
-    /// little for its ramps.
-    fn trial_speeds(limits: &PathLimits) -> impl Iterator<Item = f64> {
-        let velocity_max = limits.velocity_max;
-        (0..TRIALS).map(move |i| velocity_max * libm::pow(0.9, f64::from(i)))
-    }
-
-    fn cruising(stretches: &[Stretch], limits: &PathLimits, speed: f64) -> Self {
-        let legs = legs(stretches, limits, speed);
-        let mut profile = Self { phases: Vec::new(), rests: Vec::new(), cruise: speed, limited: Limited::default() };
+    fn at(stretches: &[Stretch], limits: &PathLimits, pace: Pace) -> Self {
+        let speed = pace.cruise;
+        let legs = legs(stretches, limits, pace);
+        let mut profile = Self { phases: Vec::new(), rests: Vec::new(), pace, limited: Limited::default() };
         let (mut time, mut s) = (0.0, 0.0);
         for (leg, stretch) in legs.iter().zip(stretches) {
             let end = s + leg.length;
-            let [rise, fall] = leg.ramps(limits.jerk_max);
+            let [rise, fall] = leg.ramps(limits.jerk_max, pace.softness);
             let cruise = (leg.length - rise.distance() - fall.distance()).max(0.0);
             let cruising = Shape::Cruise { velocity: leg.peak };
             for (duration, distance, shape) in [
@@ -177,9 +179,14 @@ impl Profile {
         self.rests.last().map_or(0.0, |rest| rest[0])
     }
 
-    /// The speed sought on every stretch (m/s).
-    pub fn cruise(&self) -> f64 {
-        self.cruise
+    /// The cruise speed sought, and the softness of the ramps.
+    pub fn pace(&self) -> Pace {
+        self.pace
+    }
+
+    /// The highest speed reached (m/s).
+    pub fn velocity_max(&self) -> f64 {
+        self.phases.iter().fold(0.0, |max, phase| phase.state_at(phase.start[0]).velocity.max(max))
     }
 
     /// What kept stretches from the cruise speed.
@@ -238,31 +245,39 @@ impl Phase {
 }
 
 impl Leg {
-    fn ramps(&self, jerk_max: f64) -> [Ramp; 2] {
-        [self.enter, self.leave].map(|slow| Ramp::new(slow, self.peak, self.acceleration_max, jerk_max))
+    fn ramps(&self, jerk_max: f64, softness: f64) -> [Ramp; 2] {
+        [self.enter, self.leave].map(|slow| Ramp::new(slow, self.peak, self.acceleration_max, jerk_max, softness))
     }
+}
 
-    fn ramp_distance(&self, slow: f64, fast: f64, jerk_max: f64) -> f64 {
-        Ramp::new(slow, fast, self.acceleration_max, jerk_max).distance()
-    }
+/// The highest speed, and lower ones: a lower one may take less time where a curve's share of the acceleration leaves
+/// little for its ramps.
+fn trial_speeds(limits: &PathLimits) -> impl Iterator<Item = f64> {
+    let velocity_max = limits.velocity_max;
+    (0..TRIALS).map(move |i| velocity_max * libm::pow(0.9, f64::from(i)))
+}
 
-    /// The highest speed up to `high` that a ramp from `low` reaches within the leg.
-    fn reached(&self, low: f64, high: f64, jerk_max: f64) -> f64 {
-        highest(low, high, |speed| self.ramp_distance(low, speed, jerk_max) <= self.length)
+/// The shortest time (s) at this softness, and its pace.
+fn quickest_of(stretches: &[Stretch], limits: &PathLimits, softness: f64) -> (f64, Pace) {
+    let paces = trial_speeds(limits).map(|cruise| Pace { cruise, softness });
+    let timed = paces.map(|pace| (duration(&legs(stretches, limits, pace), limits, pace), pace));
+    let highest = Pace { cruise: limits.velocity_max, softness };
+    timed.fold((f64::INFINITY, highest), |best, trial| if trial.0 < best.0 { trial } else { best })
+}
+
+/// Between `good`, which holds, and `bad`, the last value from `good` on that holds, by halving.
+fn last_that(good: f64, bad: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    let (mut good, mut bad) = (good, bad);
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (good + bad);
+        if holds(middle) { good = middle } else { bad = middle }
     }
+    good
 }
 
 /// The highest value in [low, high] that fits, when all values below one that fits do too, and `low` does.
 fn highest(low: f64, high: f64, fits: impl Fn(f64) -> bool) -> f64 {
-    if high <= low || fits(high) {
-        return high.max(low);
-    }
-    let (mut low, mut high) = (low, high);
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        if fits(middle) { low = middle } else { high = middle }
-    }
-    low
+    if high <= low || fits(high) { high.max(low) } else { last_that(low, high, fits) }
 }
 
 /// The speed at which turning takes no more than its share of the acceleration, or `speed`.
@@ -277,13 +292,17 @@ fn speed_allowed(stretch: &Stretch, limits: &PathLimits, speed: f64) -> f64 {
 
 /// Speeds at the stretches' ends by one pass forward and one back (what can be reached from before, and from behind), then
 /// each stretch's peak.
-fn legs(stretches: &[Stretch], limits: &PathLimits, speed: f64) -> Vec<Leg> {
-    let jerk_max = limits.jerk_max;
+fn legs(stretches: &[Stretch], limits: &PathLimits, pace: Pace) -> Vec<Leg> {
+    let ramp_distance = |leg: &Leg, slow: f64, fast: f64| {
+        Ramp::new(slow, fast, leg.acceleration_max, limits.jerk_max, pace.softness).distance()
+    };
+    let reached =
+        |leg: &Leg, low: f64, high: f64| highest(low, high, |fast| ramp_distance(leg, low, fast) <= leg.length);
     let mut legs: Vec<Leg> = stretches
         .iter()
         .enumerate()
         .map(|(index, stretch)| {
-            let peak = speed_allowed(stretch, limits, speed);
+            let peak = speed_allowed(stretch, limits, pace.cruise);
             let turning = peak * peak * stretch.curvature_max;
             let left = limits.acceleration_max * limits.acceleration_max - turning * turning;
             let rest_after = stretch.rest_after || index + 1 == stretches.len();
@@ -291,31 +310,29 @@ fn legs(stretches: &[Stretch], limits: &PathLimits, speed: f64) -> Vec<Leg> {
             Leg { length, enter: 0.0, peak, leave: 0.0, acceleration_max: left.max(0.0).sqrt(), rest_after }
         })
         .collect();
-    let mut reached = 0.0;
+    let mut speed = 0.0;
     for i in 0..legs.len() {
         let next_peak = legs.get(i + 1).map_or(0.0, |next| next.peak);
         let leg = &mut legs[i];
-        leg.enter = reached;
+        leg.enter = speed;
         let wanted = if leg.rest_after { 0.0 } else { leg.peak.min(next_peak) };
-        leg.leave = if wanted > leg.enter { leg.reached(leg.enter, wanted, jerk_max) } else { wanted };
-        reached = leg.leave;
+        leg.leave = reached(leg, leg.enter, wanted).min(wanted);
+        speed = leg.leave;
     }
-    let mut reached = 0.0;
+    let mut speed = 0.0;
     for leg in legs.iter_mut().rev() {
-        leg.leave = leg.leave.min(reached);
-        if leg.enter > leg.leave {
-            leg.enter = leg.reached(leg.leave, leg.enter, jerk_max);
-        }
-        reached = leg.enter;
-        let ends = |peak| leg.ramp_distance(leg.enter, peak, jerk_max) + leg.ramp_distance(leg.leave, peak, jerk_max);
+        leg.leave = leg.leave.min(speed);
+        leg.enter = reached(leg, leg.leave, leg.enter).min(leg.enter);
+        speed = leg.enter;
+        let ends = |peak| ramp_distance(leg, leg.enter, peak) + ramp_distance(leg, leg.leave, peak);
         leg.peak = highest(leg.enter.max(leg.leave), leg.peak, |peak| ends(peak) <= leg.length);
     }
     legs
 }
 
-fn duration(legs: &[Leg], jerk_max: f64) -> f64 {
+fn duration(legs: &[Leg], limits: &PathLimits, pace: Pace) -> f64 {
     let leg_duration = |leg: &Leg| {
-        let [rise, fall] = leg.ramps(jerk_max);
+        let [rise, fall] = leg.ramps(limits.jerk_max, pace.softness);
         rise.duration() + fall.duration() + (leg.length - rise.distance() - fall.distance()).max(0.0) / leg.peak
     };
     legs.iter().map(leg_duration).sum()
