@@ -289,7 +289,7 @@ impl ModelError {
 impl ModelError {
     /// What a person is told; `source` is the file's text, for the lines that are to blame.
     pub fn into_failure(self, file: &str, source: &[u8]) -> Failure {
-        let failure = Failure::told(Exit::Input, &self);
+        let failure = Failure::told(Exit::Input, self.to_string());
         match self.location() {
             Some((_, _, span)) => failure.at(Excerpt::new(file, source, span)),
             None => failure,
