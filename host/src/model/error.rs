@@ -110,7 +110,7 @@ pub enum ModelError {
         entity: Box<Entity>,
         /// What role it plays: segment, placement, unit.
         what: &'static str,
-        /// " in '<name>'" where a named element owns it, else empty.
+        /// " in 'NAME'" where an element of that name owns it, else empty.
         of: String,
         /// Types that are supported.
         instead: &'static str,
