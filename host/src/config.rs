@@ -180,13 +180,20 @@ impl Cell {
     /// The cell of `screed demo`, `fixtures/cells/demo.toml`, at the given rate (Hz).
     ///
     /// # Errors
-    /// [`ConfigError::DemoRate`] for a rate other than 125 or 500.
+    /// As [`Self::demo_text`].
     pub fn demo(rate_hz: u32) -> Result<Self, ConfigError> {
+        parse("demo.toml", &Self::demo_text(rate_hz)?)
+    }
+
+    /// The text of that cell file.
+    ///
+    /// # Errors
+    /// [`ConfigError::DemoRate`] for a rate other than 125 or 500.
+    pub fn demo_text(rate_hz: u32) -> Result<String, ConfigError> {
         if !sections::RATES_HZ.contains(&i64::from(rate_hz)) {
             return Err(ConfigError::DemoRate { found: rate_hz });
         }
-        let mut cell = parse("demo.toml", include_str!("../../fixtures/cells/demo.toml"))?;
-        cell.link.rate_hz = rate_hz;
-        Ok(cell)
+        let text = include_str!("../../fixtures/cells/demo.toml");
+        Ok(text.replace("\nrate_hz = 125\n", &format!("\nrate_hz = {rate_hz}\n")))
     }
 }

@@ -58,6 +58,26 @@ impl Failure {
     }
 }
 
+impl Failure {
+    /// From an error whose text ends with its remedy, behind the last semicolon.
+    pub fn told(exit: Exit, error: &dyn std::error::Error) -> Self {
+        let text = error.to_string();
+        let (message, remedy) = match text.rsplit_once("; ") {
+            Some((message, remedy)) => (message.to_owned(), Some(remedy.to_owned())),
+            None => (text, None),
+        };
+        Self { exit, problems: vec![Problem { message, excerpt: None, remedy }] }
+    }
+
+    /// The same with a place in a file.
+    pub fn at(mut self, excerpt: Excerpt) -> Self {
+        if let Some(problem) = self.problems.first_mut() {
+            problem.excerpt = Some(excerpt);
+        }
+        self
+    }
+}
+
 impl std::error::Error for Failure {}
 
 impl fmt::Display for Failure {

@@ -203,7 +203,7 @@ impl Plan {
     }
 
     /// The setpoints, in batches that each end at rest, made as they are asked for.
-    pub fn batches(&self) -> Batches<'_> {
+    pub fn batches(&self) -> Batches<&Self> {
         Batches::new(self)
     }
 

@@ -24,7 +24,7 @@ fn record(tick: u64) -> CycleRecord {
         robot_timestamp: 40.0 + 0.008 * value,
         seq: tick as u32 + 1,
         mode: (tick % 3) as u8,
-        flags: if tick % 2 == 0 { Flags::DEPOSIT } else { Flags::DEPOSIT | Flags::DOUBLED },
+        flags: if tick.is_multiple_of(2) { Flags::DEPOSIT } else { Flags::DEPOSIT | Flags::DOUBLED },
         layer: (tick / 50) as u16,
         rate: 1.0,
         flow: 2.16e-5 * value,
@@ -184,7 +184,7 @@ fn the_table_has_a_header_with_units_and_reads_back_exactly() {
             |name: &str| header.iter().position(|&column| column == name).and_then(|index| row.get(index).copied());
         let number = |name: &str| field(name).and_then(|text| text.parse::<f64>().ok());
         assert_eq!(field("mode"), Some(["idle", "moving", "2"][(tick % 3) as usize]));
-        assert_eq!(field("doubled"), Some(if tick % 2 == 0 { "0" } else { "1" }));
+        assert_eq!(field("doubled"), Some(if tick.is_multiple_of(2) { "0" } else { "1" }));
         assert_eq!(number("robot_timestamp_s"), Some(record.robot_timestamp));
         assert_eq!(number("flow_m3_s"), Some(record.flow));
         assert_eq!(number("commanded_5_rad"), Some(1e-300));

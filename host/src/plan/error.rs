@@ -189,3 +189,9 @@ fn remedy(found: f64, limit: f64) -> &'static str {
         "lower the speeds (layer time, travel.velocity_max_mm_s) or move the part away from the singularity"
     }
 }
+
+impl From<PlanError> for crate::failure::Failure {
+    fn from(error: PlanError) -> Self {
+        Self::told(crate::failure::Exit::Input, &error)
+    }
+}

@@ -10,6 +10,7 @@ use super::profile::{Brake, State};
 use super::route::Route;
 use super::tooling::on_grid;
 use screed_kernel::units::JointPos;
+use std::ops::Deref;
 
 /// Flows are multiples of this (m³/s): a nanolitre a second.
 pub const FLOW_QUANTUM: f64 = 1e-12;
@@ -62,8 +63,8 @@ enum Tail {
 
 /// The batches of a plan, in order. Ends after an error.
 #[derive(Clone, Debug)]
-pub struct Batches<'a> {
-    plan: &'a Plan,
+pub struct Batches<P> {
+    plan: P,
     /// The move under way, and how many periods of it are over.
     at: (usize, u32),
     /// Along that move.
@@ -72,11 +73,13 @@ pub struct Batches<'a> {
     done: bool,
 }
 
-impl<'a> Batches<'a> {
-    pub(super) fn new(plan: &'a Plan) -> Self {
+impl<P: Deref<Target = Plan>> Batches<P> {
+    /// The batches of a plan, which is borrowed or shared.
+    pub fn new(plan: P) -> Self {
         let (kind, layer) = plan.moves.first().map_or((MoveKind::Approach, 0), |first| (first.kind, first.layer));
         let last = Setpoint { seq: 0, joints: plan.start, flow: 0.0, deposit: false, kind, layer };
-        Self { plan, at: (0, 0), state: AT_START, last, done: plan.moves.is_empty() }
+        let done = plan.moves.is_empty();
+        Self { plan, at: (0, 0), state: AT_START, last, done }
     }
 
     fn batch(&mut self) -> Result<Batch, PlanError> {
@@ -153,7 +156,7 @@ impl<'a> Batches<'a> {
     }
 }
 
-impl Iterator for Batches<'_> {
+impl<P: Deref<Target = Plan>> Iterator for Batches<P> {
     type Item = Result<Batch, PlanError>;
 
     fn next(&mut self) -> Option<Self::Item> {
