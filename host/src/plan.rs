@@ -5,10 +5,13 @@
 
 pub mod approach;
 pub mod check;
+pub mod contour;
 pub mod error;
 pub mod moves;
 pub mod path;
+pub mod plot;
 pub mod profile;
+pub mod report;
 pub mod route;
 pub mod stream;
 pub mod tooling;
@@ -204,10 +207,15 @@ impl Plan {
         Batches::new(self)
     }
 
+    /// A layer's name in the model, by its position there.
+    pub fn layer_name(&self, layer: usize) -> &str {
+        self.layer_names.get(layer).map_or("", String::as_str)
+    }
+
     /// Where a message places something.
     fn place(&self, kind: MoveKind, layer: usize, point_in_part: Option<Point>, segment: Option<usize>) -> Place {
         let segment = segment.filter(|_| kind == MoveKind::Deposit);
-        Place { layer: self.layer_names.get(layer).cloned().unwrap_or_default(), kind, segment, point_in_part }
+        Place { layer: self.layer_name(layer).to_owned(), kind, segment, point_in_part }
     }
 }
 

@@ -30,10 +30,11 @@ pub fn inverse(arm: &Arm<6>, base_from_flange: &Pose, seed: &JointPos<6>) -> Res
     let mut limit = None;
     let shoulder = shoulder(arm, base_from_flange)?;
     for (theta1, wrist) in shoulder.iter().flat_map(|&theta1| [(theta1, 1.0), (theta1, -1.0)]) {
-        match planar(arm, base_from_flange, seed, theta1, wrist) {
+        let forearm = Forearm::new(base_from_flange, seed, theta1, wrist);
+        match forearm.elbows(arm, base_from_flange) {
             Ok(elbows) => {
-                for joints in elbows {
-                    match within_limits(arm, &joints, seed) {
+                for theta3 in elbows.bends {
+                    match within_limits(arm, &forearm.joints(arm, &elbows, theta3), seed) {
                         Ok(joints) => found.push(joints),
                         Err(beyond) => limit = limit.or(Some(beyond)),
                     }
@@ -49,23 +50,54 @@ pub fn inverse(arm: &Arm<6>, base_from_flange: &Pose, seed: &JointPos<6>) -> Res
     }
 }
 
-/// The branch nearest to `seed`, by the largest joint difference.
+/// The branch nearest to `seed`, by the largest joint difference. Branches that one joint alone puts farther away than the
+/// best so far are not computed: when the seed is near, one of eight is.
 ///
 /// # Errors
 /// As [`inverse`].
 pub fn nearest(arm: &Arm<6>, base_from_flange: &Pose, seed: &JointPos<6>) -> Result<JointPos<6>, IkError> {
-    let branches = inverse(arm, base_from_flange, seed)?;
-    let distance =
-        |joints: &JointPos<6>| joints.0.iter().zip(&seed.0).fold(0.0, |far: f64, (a, b)| far.max(libm::fabs(a - b)));
-    let mut best = *seed;
-    let mut best_distance = f64::INFINITY;
-    for joints in branches.as_slice() {
-        let distance = distance(joints);
-        if distance < best_distance {
-            (best, best_distance) = (*joints, distance);
+    if !base_from_flange.is_finite() || !seed.is_finite() {
+        return Err(IkError::NotFinite);
+    }
+    let mut best = (f64::INFINITY, *seed);
+    let [mut near, mut far] = shoulder(arm, base_from_flange)?;
+    if turn_between(far, seed.0[0]) < turn_between(near, seed.0[0]) {
+        (near, far) = (far, near);
+    }
+    let side = if libm::sin(seed.0[4]) < 0.0 { -1.0 } else { 1.0 };
+    for (theta1, wrist) in [(near, side), (near, -side), (far, side), (far, -side)] {
+        if turn_between(theta1, seed.0[0]) >= best.0 {
+            continue;
+        }
+        let forearm = Forearm::new(base_from_flange, seed, theta1, wrist);
+        if turn_between(forearm.theta5, seed.0[4]) >= best.0 {
+            continue;
+        }
+        let Ok(elbows) = forearm.elbows(arm, base_from_flange) else { continue };
+        for theta3 in elbows.bends {
+            if turn_between(theta3, seed.0[2]) >= best.0 {
+                continue;
+            }
+            if let Ok(joints) = within_limits(arm, &forearm.joints(arm, &elbows, theta3), seed) {
+                let pairs = joints.0.iter().zip(&seed.0);
+                let distance = pairs.fold(0.0, |far: f64, (a, b)| far.max(libm::fabs(a - b)));
+                if distance < best.0 {
+                    best = (distance, joints);
+                }
+            }
         }
     }
-    Ok(best)
+    if best.0.is_finite() {
+        return Ok(best.1);
+    }
+    // Only to say why: every branch was tried.
+    inverse(arm, base_from_flange, seed).map(|_| best.1)
+}
+
+/// The least angle between two directions, in [0, π]; no full turns make joints differ by less.
+fn turn_between(a: f64, b: f64) -> f64 {
+    let difference = a - b;
+    libm::fabs(difference - 2.0 * PI * libm::round(difference / (2.0 * PI)))
 }
 
 /// θ₁: frame 5's origin keeps the distance d₄ from the plane of the upper arm.
@@ -82,42 +114,67 @@ fn shoulder(arm: &Arm<6>, base_from_flange: &Pose) -> Result<[f64; 2], IkError> 
     Ok([direction + half, direction - half])
 }
 
-/// The other five joints for one θ₁ and one sign of sin θ₅: both elbows, or by how much (m) the planar part is too short.
-fn planar(arm: &Arm<6>, pose: &Pose, seed: &JointPos<6>, theta1: f64, wrist: f64) -> Result<[JointPos<6>; 2], f64> {
-    let (s1, c1) = libm::sincos(theta1);
-    let along = Vector3::new(c1, s1, 0.0);
-    let normal = Vector3::new(s1, -c1, 0.0);
-    let (x6, y6, z6) = (pose.rotation.column(0), pose.rotation.column(1), pose.rotation.column(2));
-    let (nx, ny) = (normal.dot(&x6), normal.dot(&y6));
-    let s5 = wrist * libm::hypot(nx, ny);
-    let theta5 = libm::atan2(s5, normal.dot(&z6));
-    let theta6 = if libm::fabs(s5) < WRIST_SINGULAR { seed.0[5] } else { libm::atan2(-ny * wrist, nx * wrist) };
+/// For one θ₁ and one sign of sin θ₅: the wrist's joints, and what the arm's plane sees of them.
+struct Forearm {
+    theta1: f64,
+    theta5: f64,
+    theta6: f64,
+    /// The arm's plane, horizontally.
+    along: Vector3<f64>,
+    /// sin and cos of θ₂ + θ₃ + θ₄.
+    sine234: f64,
+    cosine234: f64,
+}
 
-    // Frame 5's y axis is minus frame 4's z axis; its components in the arm's plane give θ₂ + θ₃ + θ₄.
-    let (s6, c6) = libm::sincos(theta6);
-    let y5 = x6 * s6 + y6 * c6;
-    let (s234, c234) = (-along.dot(&y5), y5.z);
-    let theta234 = libm::atan2(s234, c234);
+/// Where frame 4's origin lies in the arm's plane, seen from the shoulder, and the two bends of the elbow that reach it.
+struct Elbows {
+    px: f64,
+    py: f64,
+    bends: [f64; 2],
+}
 
-    let elbow_to_wrist = pose.translation - z6 * arm.dh[5].d;
-    let px = along.dot(&elbow_to_wrist) - arm.dh[4].d * s234;
-    let py = elbow_to_wrist.z - arm.dh[0].d + arm.dh[4].d * c234;
-    let (a2, a3) = (arm.dh[1].a, arm.dh[2].a);
-    let (upper, fore) = (libm::fabs(a2), libm::fabs(a3));
-    let reach = libm::hypot(px, py);
-    let missing = (reach - (upper + fore)).max(libm::fabs(upper - fore) - reach);
-    if missing > REACH_TOLERANCE {
-        return Err(missing);
+impl Forearm {
+    fn new(pose: &Pose, seed: &JointPos<6>, theta1: f64, wrist: f64) -> Self {
+        let (s1, c1) = libm::sincos(theta1);
+        let along = Vector3::new(c1, s1, 0.0);
+        let normal = Vector3::new(s1, -c1, 0.0);
+        let (x6, y6, z6) = (pose.rotation.column(0), pose.rotation.column(1), pose.rotation.column(2));
+        let (nx, ny) = (normal.dot(&x6), normal.dot(&y6));
+        let s5 = wrist * libm::hypot(nx, ny);
+        let theta5 = libm::atan2(s5, normal.dot(&z6));
+        let theta6 = if libm::fabs(s5) < WRIST_SINGULAR { seed.0[5] } else { libm::atan2(-ny * wrist, nx * wrist) };
+
+        // Frame 5's y axis is minus frame 4's z axis; its components in the arm's plane give θ₂ + θ₃ + θ₄.
+        let (s6, c6) = libm::sincos(theta6);
+        let y5 = x6 * s6 + y6 * c6;
+        Self { theta1, theta5, theta6, along, sine234: -along.dot(&y5), cosine234: y5.z }
     }
-    // Half-angle form of the law of cosines: accurate also where the elbow is nearly straight.
-    let straight = ((upper + fore) - reach) * ((upper + fore) + reach);
-    let folded = (reach - (upper - fore)) * (reach + (upper - fore));
-    let bend = 2.0 * libm::atan2(libm::sqrt(straight.max(0.0)), libm::sqrt(folded.max(0.0)));
-    Ok([bend, -bend].map(|theta3| {
+
+    /// Or by how much (m) the planar part is too short.
+    fn elbows(&self, arm: &Arm<6>, pose: &Pose) -> Result<Elbows, f64> {
+        let elbow_to_wrist = pose.translation - pose.rotation.column(2) * arm.dh[5].d;
+        let px = self.along.dot(&elbow_to_wrist) - arm.dh[4].d * self.sine234;
+        let py = elbow_to_wrist.z - arm.dh[0].d + arm.dh[4].d * self.cosine234;
+        let (upper, fore) = (libm::fabs(arm.dh[1].a), libm::fabs(arm.dh[2].a));
+        let reach = libm::hypot(px, py);
+        let missing = (reach - (upper + fore)).max(libm::fabs(upper - fore) - reach);
+        if missing > REACH_TOLERANCE {
+            return Err(missing);
+        }
+        // Half-angle form of the law of cosines: accurate also where the elbow is nearly straight.
+        let straight = ((upper + fore) - reach) * ((upper + fore) + reach);
+        let folded = (reach - (upper - fore)) * (reach + (upper - fore));
+        let bend = 2.0 * libm::atan2(libm::sqrt(straight.max(0.0)), libm::sqrt(folded.max(0.0)));
+        Ok(Elbows { px, py, bends: [bend, -bend] })
+    }
+
+    fn joints(&self, arm: &Arm<6>, elbows: &Elbows, theta3: f64) -> JointPos<6> {
+        let (a2, a3) = (arm.dh[1].a, arm.dh[2].a);
         let (s3, c3) = libm::sincos(theta3);
-        let theta2 = libm::atan2(py, px) - libm::atan2(a3 * s3, a2 + a3 * c3);
-        JointPos([theta1, theta2, theta3, theta234 - theta2 - theta3, theta5, theta6])
-    }))
+        let theta2 = libm::atan2(elbows.py, elbows.px) - libm::atan2(a3 * s3, a2 + a3 * c3);
+        let theta234 = libm::atan2(self.sine234, self.cosine234);
+        JointPos([self.theta1, theta2, theta3, theta234 - theta2 - theta3, self.theta5, self.theta6])
+    }
 }
 
 /// Turns each joint by full turns to lie nearest to the seed and inside the limits, or names the joint that cannot.
@@ -130,4 +187,39 @@ fn within_limits(arm: &Arm<6>, joints: &JointPos<6>, seed: &JointPos<6>) -> Resu
         *position = inside.ok_or((joint, nearest))?;
     }
     Ok(turned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arms::ur::UR10E;
+
+    /// splitmix64, as a number in [-π, π].
+    fn angle(state: &mut u64) -> f64 {
+        *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = *state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 * PI - PI
+    }
+
+    #[test]
+    fn nearest_is_the_nearest_of_all_branches_from_near_and_far_seeds() {
+        let mut state = 5;
+        let mut joints = || JointPos(core::array::from_fn(|_| angle(&mut state)));
+        for case in 0..20_000 {
+            let (goal, other) = (joints(), joints());
+            let share = [1.0, 0.1, 1e-3, 1e-6][case % 4];
+            let seed = JointPos(core::array::from_fn(|i| goal.0[i] + share * other.0[i]));
+            let pose = UR10E.forward(&goal);
+            let distance = |joints: &JointPos<6>| {
+                joints.0.iter().zip(&seed.0).fold(0.0, |far: f64, (a, b)| far.max(libm::fabs(a - b)))
+            };
+            let nearest = nearest(&UR10E, &pose, &seed).unwrap();
+            let all = inverse(&UR10E, &pose, &seed).unwrap();
+            assert!(all.as_slice().contains(&nearest), "seed {seed:?}");
+            let least = all.as_slice().iter().map(distance).fold(f64::INFINITY, f64::min);
+            assert_eq!(distance(&nearest), least, "seed {seed:?}");
+        }
+    }
 }

@@ -21,7 +21,7 @@ const CUT_TIME: f64 = 2.646_652_412_362_245_7;
 /// ln cosh artanh θ.
 const CUT_DISTANCE: f64 = 1.958_517_773_625_844_3;
 /// 4/(3√3), the greatest value of 2·sech²·tanh.
-const BEND: f64 = 0.769_800_358_919_501_1;
+const BEND: f64 = 0.769_800_358_919_501;
 
 /// A rise of the speed from one value to a higher one. Played backwards it is the fall.
 #[derive(Clone, Copy, Debug, PartialEq)]
