@@ -1,3 +1,4 @@
 //! Sans-IO state machines, one per wire.
 
 pub mod extruder;
+pub mod rtde;
