@@ -56,6 +56,11 @@ impl Failure {
         let problem = Problem { message: message.into(), excerpt: None, remedy: Some(remedy.into()) };
         Self { exit, problems: vec![problem] }
     }
+
+    /// One problem whose message says already where and what to do.
+    pub fn told(exit: Exit, message: impl Into<String>) -> Self {
+        Self { exit, problems: vec![Problem { message: message.into(), excerpt: None, remedy: None }] }
+    }
 }
 
 impl std::error::Error for Failure {}
@@ -79,7 +84,7 @@ pub struct Problem {
     pub message: String,
     /// Where, when a file is to blame.
     pub excerpt: Option<Excerpt>,
-    /// What to do.
+    /// What to do, when the message does not say it itself.
     pub remedy: Option<String>,
 }
 
