@@ -177,23 +177,23 @@ pub fn parse(name: &str, text: &str) -> Result<Cell, ConfigError> {
 }
 
 impl Cell {
-    /// The cell of `screed demo` at the given rate (Hz).
+    /// The cell of `screed demo`, `fixtures/cells/demo.toml`, at the given rate (Hz).
     ///
     /// # Errors
-    /// [`ConfigError::DemoRate`] for a rate other than 125 or 500.
+    /// As [`Self::demo_text`].
     pub fn demo(rate_hz: u32) -> Result<Self, ConfigError> {
         parse("demo.toml", &Self::demo_text(rate_hz)?)
     }
 
-    /// The cell file of [`Cell::demo`]: `fixtures/cells/demo.toml` with that rate.
+    /// The text of that cell file.
     ///
     /// # Errors
-    /// As [`Cell::demo`].
+    /// [`ConfigError::DemoRate`] for a rate other than 125 or 500.
     pub fn demo_text(rate_hz: u32) -> Result<String, ConfigError> {
         if !sections::RATES_HZ.contains(&i64::from(rate_hz)) {
             return Err(ConfigError::DemoRate { found: rate_hz });
         }
         let text = include_str!("../../fixtures/cells/demo.toml");
-        Ok(text.replacen("rate_hz = 125", &format!("rate_hz = {rate_hz}"), 1))
+        Ok(text.replace("\nrate_hz = 125\n", &format!("\nrate_hz = {rate_hz}\n")))
     }
 }

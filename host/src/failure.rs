@@ -56,10 +56,25 @@ impl Failure {
         let problem = Problem { message: message.into(), excerpt: None, remedy: Some(remedy.into()) };
         Self { exit, problems: vec![problem] }
     }
+}
 
-    /// One problem whose message says already where and what to do.
-    pub fn told(exit: Exit, message: impl Into<String>) -> Self {
-        Self { exit, problems: vec![Problem { message: message.into(), excerpt: None, remedy: None }] }
+impl Failure {
+    /// From an error's text; behind its last semicolon stands the remedy.
+    pub fn told(exit: Exit, text: impl Into<String>) -> Self {
+        let text = text.into();
+        let (message, remedy) = match text.rsplit_once("; ") {
+            Some((message, remedy)) => (message.to_owned(), Some(remedy.to_owned())),
+            None => (text, None),
+        };
+        Self { exit, problems: vec![Problem { message, excerpt: None, remedy }] }
+    }
+
+    /// The same with a place in a file.
+    pub fn at(mut self, excerpt: Excerpt) -> Self {
+        if let Some(problem) = self.problems.first_mut() {
+            problem.excerpt = Some(excerpt);
+        }
+        self
     }
 }
 
@@ -84,7 +99,7 @@ pub struct Problem {
     pub message: String,
     /// Where, when a file is to blame.
     pub excerpt: Option<Excerpt>,
-    /// What to do, when the message does not say it itself.
+    /// What to do.
     pub remedy: Option<String>,
 }
 

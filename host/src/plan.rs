@@ -1,3 +1,227 @@
 //! Where the tool goes, in which order, and when.
+//!
+//! A [`Plan`] is made from a model and a cell, and verified before anything moves: every setpoint that will be sent, stop
+//! tails included, is computed once and judged. [`Plan::batches`] computes the same setpoints again, seconds ahead of need.
 
+pub mod approach;
+pub mod check;
+pub mod error;
+pub mod moves;
 pub mod path;
+pub mod profile;
+pub mod route;
+pub mod stream;
+pub mod tooling;
+
+pub use error::{Place, PlanError};
+
+use crate::config::Cell;
+use crate::model::fim::FimModel;
+use approach::Approach;
+use check::{Broken, JointCheck};
+use moves::{Move, MoveKind};
+use path::Point;
+use route::Route;
+use screed_kernel::ik::ur;
+use screed_kernel::units::JointPos;
+use stream::{Batches, Setpoint};
+use tooling::{Tooling, on_grid};
+
+/// Which part of a model is printed, and how.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// The first layer, as a position in the model's layers, from 0.
+    pub from_layer: usize,
+    /// How many layers at most; none for all.
+    pub layers: Option<usize>,
+    /// The same motion without flow.
+    pub dry: bool,
+}
+
+/// A verified job.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    moves: Vec<Move>,
+    approach: Approach,
+    start: JointPos<6>,
+    tooling: Tooling,
+    /// Setpoints a second.
+    rate: f64,
+    layer_names: Vec<String>,
+    batch_max: BatchMax,
+}
+
+/// The greatest batch of a job.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BatchMax {
+    /// Most path setpoints in one batch.
+    pub path: usize,
+    /// Most setpoints in one stop tail.
+    pub tail: usize,
+}
+
+impl Plan {
+    /// Plans the wanted layers of a model, from where the robot stands, and verifies every setpoint. Of the arm's branches
+    /// it takes the one nearest to `start` on which the whole job stays within limits.
+    ///
+    /// # Errors
+    /// [`PlanError`], for the nearest branch when there is none.
+    pub fn new(model: &FimModel, cell: &Cell, options: &Options, start: &JointPos<6>) -> Result<Self, PlanError> {
+        let start = on_grid(&checked_start(cell, start)?);
+        let (first, count) = (options.from_layer, options.layers.unwrap_or(usize::MAX));
+        let layers = model.layers.get(first..).unwrap_or(&[]);
+        let layers = layers.get(..count).unwrap_or(layers);
+        if layers.is_empty() {
+            return Err(PlanError::NoSuchLayer { from_layer: first, layers: model.layers.len() });
+        }
+        let rate = f64::from(cell.link.rate_hz);
+        let mut moves = moves::cartesian(layers, first, cell, 1.0 / rate)?;
+        if options.dry {
+            moves.iter_mut().for_each(|step| step.bead = 0.0);
+        }
+        let tooling = Tooling::new(cell);
+        let layer_names = model.layers.iter().map(|layer| layer.name.clone()).collect();
+        let nowhere = Approach { from: start, to: start, duration: 0.0, tool_distance: 0.0, tool_lowest: 0.0 };
+        let batch_max = BatchMax::default();
+        let plan = Self { moves, approach: nowhere, start, tooling, rate, layer_names, batch_max };
+        let mut refused = None;
+        for to in plan.branches()? {
+            match plan.clone().approaching(cell, to) {
+                Ok(plan) => return Ok(plan),
+                Err(error) => refused = refused.or(Some(error)),
+            }
+        }
+        Err(refused.unwrap_or(PlanError::NoSuchLayer { from_layer: first, layers: model.layers.len() }))
+    }
+
+    /// The branches from which the first layer can be begun, the one nearest to the start first. A second look, from joints
+    /// all zero, finds those that the start's full turns leave out.
+    fn branches(&self) -> Result<Vec<JointPos<6>>, PlanError> {
+        let above = match self.moves.first() {
+            Some(Move { route: Route::Curves(curves), .. }) => curves.point_at(0.0).0,
+            _ => return Ok(Vec::new()),
+        };
+        let layer = self.moves.first().map_or(0, |step| step.layer);
+        let inverse = |seed: &JointPos<6>| ur::inverse(&self.tooling.arm, &self.tooling.flange_at(&above), seed);
+        let found = inverse(&self.start).map_err(|why| PlanError::OutOfReach {
+            place: Box::new(self.place(MoveKind::Approach, layer, Some(above), None)),
+            why,
+        })?;
+        let others = inverse(&JointPos::ZERO);
+        let others = others.iter().flat_map(|others| others.as_slice());
+        let mut branches: Vec<_> = found.as_slice().iter().chain(others).map(on_grid).collect();
+        let turn = |joints: &JointPos<6>| {
+            joints.0.iter().zip(&self.start.0).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
+        };
+        branches.sort_by(|a, b| turn(a).total_cmp(&turn(b)));
+        branches.dedup();
+        Ok(branches)
+    }
+
+    /// The plan with its approach, numbered and verified.
+    fn approaching(mut self, cell: &Cell, to: JointPos<6>) -> Result<Self, PlanError> {
+        let layer = self.moves.first().map_or(0, |step| step.layer);
+        let (step, approach) = approach::approach(&self.tooling, cell, layer, [self.start, to], 1.0 / self.rate)?;
+        self.approach = approach;
+        self.moves.splice(0..0, step);
+        // Setpoint 1 is the start itself.
+        let mut seq = 1_u32;
+        for step in &mut self.moves {
+            seq = seq.checked_add(step.periods).ok_or(PlanError::TooLong)?;
+            step.last_seq = seq;
+        }
+        // The padding behind the last one counts on.
+        seq.checked_add(16).ok_or(PlanError::TooLong)?;
+        self.batch_max = self.verified(cell)?;
+        Ok(self)
+    }
+
+    fn verified(&self, cell: &Cell) -> Result<BatchMax, PlanError> {
+        let mut path = JointCheck::new(&cell.robot, self.rate, &self.start);
+        let mut max = BatchMax::default();
+        let judge = |check: &mut JointCheck<'_>, setpoints: &[Setpoint]| {
+            setpoints
+                .iter()
+                .try_for_each(|setpoint| check.follow(setpoint).map_err(|limit| self.broken(setpoint, limit)))
+        };
+        for batch in self.batches() {
+            let batch = batch?;
+            let (path_part, tail_part) = batch.setpoints.split_at(batch.path_len);
+            judge(&mut path, path_part)?;
+            judge(&mut path.clone(), tail_part)?;
+            max = BatchMax { path: max.path.max(path_part.len()), tail: max.tail.max(tail_part.len()) };
+        }
+        Ok(max)
+    }
+
+    fn broken(&self, setpoint: &Setpoint, Broken { joint, quantity, found, limit }: Broken) -> PlanError {
+        let point = self.tooling.point_in_part(&setpoint.joints);
+        let segment = match self.move_of(setpoint.seq).map(|step| &step.route) {
+            Some(Route::Curves(curves)) => Some(curves.nearest_segment(&point)),
+            _ => None,
+        };
+        let place = Box::new(self.place(setpoint.kind, setpoint.layer, Some(point), segment));
+        PlanError::JointLimit { place, joint, quantity, found, limit }
+    }
+
+    /// The moves, in order.
+    pub fn moves(&self) -> &[Move] {
+        &self.moves
+    }
+
+    /// The approach.
+    pub fn approach(&self) -> &Approach {
+        &self.approach
+    }
+
+    /// Setpoints a second.
+    pub fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    /// Where points of the part lie, and which joints reach them.
+    pub fn tooling(&self) -> &Tooling {
+        &self.tooling
+    }
+
+    /// Sequence number of the last path setpoint; the first is 1.
+    pub fn last_seq(&self) -> u32 {
+        self.moves.last().map_or(0, |step| step.last_seq)
+    }
+
+    /// The greatest batch.
+    pub fn batch_max(&self) -> BatchMax {
+        self.batch_max
+    }
+
+    /// The move that a setpoint belongs to; the first setpoint, where the robot stands, to the first.
+    pub fn move_of(&self, seq: u32) -> Option<&Move> {
+        self.moves.get(self.moves.partition_point(|step| step.last_seq < seq))
+    }
+
+    /// The setpoints, in batches that each end at rest, made as they are asked for.
+    pub fn batches(&self) -> Batches<&Self> {
+        Batches::new(self)
+    }
+
+    /// Where a message places something.
+    fn place(&self, kind: MoveKind, layer: usize, point_in_part: Option<Point>, segment: Option<usize>) -> Place {
+        let segment = segment.filter(|_| kind == MoveKind::Deposit);
+        Place { layer: self.layer_names.get(layer).cloned().unwrap_or_default(), kind, segment, point_in_part }
+    }
+}
+
+/// The joints when they are a position of this robot.
+fn checked_start(cell: &Cell, start: &JointPos<6>) -> Result<JointPos<6>, PlanError> {
+    let arm = &cell.robot.arm;
+    for (joint, &position) in start.0.iter().enumerate() {
+        let (low, high) = (arm.position_min.0[joint], arm.position_max.0[joint]);
+        if !(low..=high).contains(&position) {
+            return Err(PlanError::Start { joint, position, low, high });
+        }
+    }
+    Ok(*start)
+}
+
+#[cfg(test)]
+mod tests;

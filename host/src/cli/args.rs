@@ -83,6 +83,12 @@ pub struct PrintArgs {
     /// The robot of the cell file is real and may move
     #[arg(long)]
     pub real_robot: bool,
+    /// Simulate it: robot, extruder and time, in one thread
+    #[arg(long, conflicts_with_all = ["real_robot", "attach"])]
+    pub fast: bool,
+    /// With --fast: write what the robot received, as CSV with a row a cycle
+    #[arg(long, value_name = "FILE", requires = "fast")]
+    pub record: Option<PathBuf>,
     /// Use the screed-rt that answers at this socket, instead of starting one
     #[arg(long, value_name = "SOCKET")]
     pub attach: Option<PathBuf>,

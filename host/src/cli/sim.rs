@@ -3,8 +3,7 @@
 use super::args::{SimExtruderArgs, SimUrArgs, StartDeg};
 use crate::config::{self, Cell};
 use crate::failure::{Exit, Failure};
-use crate::link::rtde::program::{Program, WatchdogAction};
-use crate::run::signal;
+use crate::run::{demo, signal};
 use crate::sim::extruder::serve as extruder_server;
 use crate::sim::ur::Options;
 use crate::sim::ur::server as ur_server;
@@ -19,7 +18,7 @@ pub fn ur(args: &SimUrArgs) -> Result<(), Failure> {
             let message = format!("cannot read the robot program {}: {error}", path.display());
             Failure::new(Exit::Input, message, "check the path and that the file may be read")
         })?,
-        None => own_program(&cell)?,
+        None => demo::program(&cell)?,
     };
     let start_q = args.start_deg.map_or(cell.robot.start, |StartDeg(joints)| JointPos(joints.map(f64::to_radians)));
     let controller = Options {
@@ -29,7 +28,7 @@ pub fn ur(args: &SimUrArgs) -> Result<(), Failure> {
         program,
         autoplay: true,
     };
-    catch_stop()?;
+    signal::catch_stop()?;
     ur_server::serve(&ur_server::ServeOptions {
         model: args.model.clone(),
         controller,
@@ -47,7 +46,7 @@ pub fn ur(args: &SimUrArgs) -> Result<(), Failure> {
 /// The simulated extruder, until it is told to stop.
 pub fn extruder(args: &SimExtruderArgs) -> Result<(), Failure> {
     let cell = cell(args.cell.as_deref())?;
-    catch_stop()?;
+    signal::catch_stop()?;
     extruder_server::serve(&extruder_server::ServeOptions {
         flow_max: cell.extruder.flow_max,
         record: args.record.clone(),
@@ -60,36 +59,4 @@ pub fn extruder(args: &SimExtruderArgs) -> Result<(), Failure> {
 
 fn cell(path: Option<&Path>) -> Result<Cell, Failure> {
     Ok(path.map_or_else(|| Cell::demo(125), config::load)?)
-}
-
-/// The program that a person would load into the real robot for this cell.
-fn own_program(cell: &Cell) -> Result<String, Failure> {
-    let program = Program {
-        rate_hz: cell.link.rate_hz,
-        register_offset: cell.link.register_offset,
-        lookahead: cell.link.servoj_lookahead,
-        gain: cell.link.servoj_gain,
-        watchdog: cell.link.watchdog,
-        watchdog_action: WatchdogAction::Stop,
-    };
-    program.text().map_err(|error| Failure::new(Exit::Input, error.to_string(), "correct [link] in the cell file"))
-}
-
-fn catch_stop() -> Result<(), Failure> {
-    signal::catch_stop().map_err(|error| {
-        Failure::new(Exit::Failed, format!("signals cannot be caught: {error}"), "check the system's limits")
-    })
-}
-
-impl From<ur_server::SimError> for Failure {
-    fn from(error: ur_server::SimError) -> Self {
-        use ur_server::SimError;
-        let exit = match error {
-            SimError::Controller(_) | SimError::Program { .. } => Exit::Input,
-            SimError::NotLoopback { .. } => Exit::Usage,
-            SimError::AddressInUse { .. } | SimError::Listen { .. } => Exit::Link,
-            SimError::Record { .. } | SimError::Output { .. } => Exit::Failed,
-        };
-        Self::told(exit, error.to_string())
-    }
 }

@@ -1,5 +1,6 @@
 //! Why a model cannot be read: where, what was expected, what was found, what to do about it.
 
+use crate::failure::{Excerpt, Exit, Failure};
 use std::fmt;
 use std::ops::Range;
 
@@ -51,7 +52,9 @@ pub enum ModelError {
         source: std::io::Error,
     },
     /// The text ends too early.
-    #[error("{place}: the file ends inside {inside}, expected {expected}; it is cut short: export it or copy it again")]
+    #[error(
+        "{place}: the file ends inside {inside}, expected {expected}; it is cut short or this is never closed: export it or copy it again"
+    )]
     Truncated {
         /// Where the thing that is cut short begins.
         place: Place,
@@ -107,7 +110,7 @@ pub enum ModelError {
         entity: Box<Entity>,
         /// What role it plays: segment, placement, unit.
         what: &'static str,
-        /// ", of '<name>'" where a named element owns it, else empty.
+        /// " in 'NAME'" where an element of that name owns it, else empty.
         of: String,
         /// Types that are supported.
         instead: &'static str,
@@ -153,11 +156,11 @@ pub enum ModelError {
         found: String,
     },
     /// The geometry of one curve is impossible.
-    #[error("{entity}: {problem}; correct the curve")]
+    #[error("{entity}: {problem}")]
     Geometry {
         /// The curve.
         entity: Box<Entity>,
-        /// What is wrong with it, with figures.
+        /// What is wrong with it, with figures, and what to do.
         problem: String,
     },
     /// Two consecutive segments do not meet.
@@ -280,5 +283,16 @@ impl ModelError {
             | Self::LayerOrder { entity, .. } => &entity.place,
         };
         Some((place.line, place.column, place.span.clone()))
+    }
+}
+
+impl ModelError {
+    /// What a person is told; `source` is the file's text, for the lines that are to blame.
+    pub fn into_failure(self, file: &str, source: &[u8]) -> Failure {
+        let failure = Failure::told(Exit::Input, self.to_string());
+        match self.location() {
+            Some((_, _, span)) => failure.at(Excerpt::new(file, source, span)),
+            None => failure,
+        }
     }
 }

@@ -41,6 +41,11 @@ impl SerialPortNow {
         Ok(Self { port })
     }
 
+    /// The descriptor, to wait on.
+    pub fn descriptor(&self) -> RawFd {
+        self.port.as_raw_fd()
+    }
+
     /// Reads what is there; 0 bytes when nothing is.
     ///
     /// # Errors

@@ -6,6 +6,7 @@
 
 mod fields;
 mod machine;
+pub mod record;
 pub mod script;
 pub mod server;
 pub mod servo;
@@ -52,7 +53,7 @@ pub struct Options {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ControllerError {
     /// A model that is not simulated.
-    #[error("robot model {model:?} is not simulated: use {known}")]
+    #[error("robot model {model:?} is not simulated; use {known}")]
     UnknownModel {
         /// As asked for.
         model: String,
@@ -60,7 +61,7 @@ pub enum ControllerError {
         known: &'static str,
     },
     /// A start that the arm cannot have.
-    #[error("start position of joint {joint}, {value} rad, is outside the arm's range of {min} to {max} rad")]
+    #[error("start position of joint {joint}, {value} rad, is outside the arm's range of {min} to {max} rad; choose another start")]
     StartOutOfRange {
         /// Which joint (0 is the base).
         joint: usize,
@@ -72,7 +73,7 @@ pub enum ControllerError {
         max: f64,
     },
     /// A register offset that RTDE does not have.
-    #[error("register offset {offset}: use 0 or 24")]
+    #[error("register offset {offset}; use 0 or 24")]
     BadOffset {
         /// As asked for.
         offset: u8,

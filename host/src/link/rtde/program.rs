@@ -133,10 +133,12 @@ impl Program {
   global sequence = read_input_integer_register({first})
   global following = False
   thread receive():
+    local newest = sequence
+    local joints = setpoint
     while (True):
-      local newest = read_input_integer_register({first})
+      newest = read_input_integer_register({first})
       if (newest != sequence):
-        local joints = [{registers}]
+        joints = [{registers}]
         if (norm(joints) > 0):
           setpoint = joints
           following = True

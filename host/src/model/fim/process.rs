@@ -3,6 +3,7 @@
 use crate::model::error::ModelError;
 use crate::model::ifc::units::{ACCELERATION, FLOW, LENGTH, Quantity, TIME, Units, VELOCITY};
 use crate::model::p21::{Record, Value, describe};
+use std::collections::BTreeMap;
 
 /// The wall's property set.
 pub(super) const WALL_PSET: &str = "FIM_ProcessDefaults";
@@ -79,13 +80,13 @@ impl Process {
 /// The properties of one object in the sets of one name.
 pub(super) struct Properties<'f> {
     pset: &'static str,
-    properties: Vec<(String, Record<'f>)>,
+    properties: BTreeMap<String, Record<'f>>,
 }
 
 impl<'f> Properties<'f> {
     /// Collects them and refuses names that occur twice, look misspelt, or belong to another version of FIM.
     pub(super) fn read(owner: &Record<'f>, definitions: &[u64], pset: &'static str) -> Result<Self, ModelError> {
-        let mut found = Self { pset, properties: Vec::new() };
+        let mut found = Self { pset, properties: BTreeMap::new() };
         for id in definitions {
             let set = owner.open(*id)?;
             if set.keyword != "IFCPROPERTYSET" || set.text_if_given(2, "Name")?.as_deref() != Some(pset) {
@@ -98,7 +99,7 @@ impl<'f> Properties<'f> {
                     return Err(found.wrong(&property, &name, "to occur once", "a second one".to_owned()));
                 }
                 found.check_name(&property, &name)?;
-                found.properties.push((name, property));
+                found.properties.insert(name, property);
             }
         }
         found.check_version()?;
@@ -126,7 +127,7 @@ impl<'f> Properties<'f> {
     }
 
     fn find(&self, name: &str) -> Option<&Record<'f>> {
-        self.properties.iter().find(|(found, _)| found == name).map(|(_, property)| property)
+        self.properties.get(name)
     }
 
     fn wrong(&self, property: &Record<'f>, name: &str, expected: &str, found: String) -> ModelError {

@@ -75,7 +75,7 @@ impl<'u, 'f> Curves<'u, 'f> {
                 let weights = curve.reals(8, "WeightsData")?;
                 vec![self.spline(curve, Some(weights))?]
             }
-            _ => return Err(self.unsupported(curve, "segment", SUPPORTED)),
+            _ => return Err(self.unsupported(curve, SUPPORTED)),
         };
         self.count += segments.len();
         if self.count > SEGMENTS_MAX {
@@ -84,8 +84,13 @@ impl<'u, 'f> Curves<'u, 'f> {
         Ok(segments.into_iter().map(|segment| Piece { segment, entity: curve.id() }).collect())
     }
 
-    fn unsupported(&self, curve: &Record<'_>, what: &'static str, instead: &'static str) -> ModelError {
-        ModelError::Unsupported { entity: curve.entity(), what, of: format!(" in '{}'", self.owner), instead }
+    fn unsupported(&self, curve: &Record<'_>, instead: &'static str) -> ModelError {
+        ModelError::Unsupported {
+            entity: curve.entity(),
+            what: "segment",
+            of: format!(" in '{}'", self.owner),
+            instead,
+        }
     }
 
     fn composite(&mut self, curve: &Record<'f>, depth: usize) -> Result<Vec<Piece>, ModelError> {
@@ -93,7 +98,7 @@ impl<'u, 'f> Curves<'u, 'f> {
         for id in curve.references(0, "Segments")? {
             let segment = curve.open(id)?;
             if !["IFCCOMPOSITECURVESEGMENT", "IFCREPARAMETRISEDCOMPOSITECURVESEGMENT"].contains(&segment.keyword) {
-                return Err(self.unsupported(&segment, "segment", "IfcCompositeCurveSegment"));
+                return Err(self.unsupported(&segment, "IfcCompositeCurveSegment"));
             }
             let same_sense = segment.flag(1, "SameSense")?;
             let mut parent = self.curve(&segment.follow(2, "ParentCurve")?, depth + 1)?;
@@ -256,3 +261,6 @@ fn arc_through(curve: &Record<'_>, start: &Point, middle: &Point, end: &Point) -
     let sweep = (end - center).dot(&y).atan2((end - center).dot(&x)).rem_euclid(TAU);
     Segment::arc(center, x, y, radius, 0.0, sweep).map_err(|error| curve.impossible(error.to_string()))
 }
+
+#[cfg(test)]
+mod tests;

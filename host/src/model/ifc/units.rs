@@ -4,12 +4,15 @@
 use super::project;
 use crate::model::error::{Entity, ModelError};
 use crate::model::p21::{File, Record, Value, describe};
+use std::collections::BTreeMap;
 
 /// Exponents of metre, gram, second, ampere, kelvin, mole, candela, as in `IfcDimensionalExponents`. Angles have none.
 pub type Dimensions = [i32; 7];
 
 /// Units refer to units refer to units: SI, a conversion of it, a derived unit of that. Deeper is a circle.
 const DEPTH_MAX: usize = 8;
+/// Seven base units make every derived unit; a bound for files whose references multiply.
+const ELEMENTS_MAX: usize = 16;
 
 /// A kind of quantity that Screed reads from models.
 #[derive(Debug, PartialEq)]
@@ -89,8 +92,8 @@ pub struct Units<'f> {
     /// Radians in one plane angle unit.
     pub angle: f64,
     assignment: Record<'f>,
-    /// Unit type and number of the unit, as assigned.
-    assigned: Vec<(&'f str, u64)>,
+    /// Numbers of the units assigned, by unit type.
+    assigned: BTreeMap<&'f str, Vec<u64>>,
 }
 
 impl<'f> Units<'f> {
@@ -99,12 +102,12 @@ impl<'f> Units<'f> {
         let project = project(file)?;
         let assignment = project.follow_if_given(8, "UnitsInContext")?;
         let assignment = assignment.ok_or_else(|| missing(project.entity(), &LENGTH, "the geometry"))?;
-        let mut assigned = Vec::new();
+        let mut assigned: BTreeMap<_, Vec<u64>> = BTreeMap::new();
         for id in assignment.references(0, "Units")? {
             let unit = assignment.open(id)?;
             // Money has no unit type, and nothing here needs it.
             if unit.keyword != "IFCMONETARYUNIT" {
-                assigned.push((unit.enumeration(1, "UnitType")?, id));
+                assigned.entry(unit.enumeration(1, "UnitType")?).or_default().push(id);
             }
         }
         let mut units = Self { length: 1.0, angle: 1.0, assignment, assigned };
@@ -115,13 +118,14 @@ impl<'f> Units<'f> {
 
     /// SI units in one of the project's units of this quantity.
     pub fn factor(&self, quantity: &Quantity, needed_for: &str) -> Result<f64, ModelError> {
-        let mut of_type = self.assigned.iter().filter(|(unit_type, _)| *unit_type == quantity.unit_type);
-        let (_, id) = of_type.next().ok_or_else(|| missing(self.assignment.entity(), quantity, needed_for))?;
-        if let Some((_, second)) = of_type.next() {
-            let expected = format!("one {}", quantity.unit_type);
-            return Err(self.assignment.wrong("Units", expected, format!("two, #{id} and #{second}")));
+        match self.assigned.get(quantity.unit_type).map(Vec::as_slice) {
+            Some([id]) => factor_of(&self.assignment.open(*id)?, quantity),
+            Some([first, second, ..]) => {
+                let found = format!("#{first} and #{second}");
+                Err(self.assignment.wrong("Units", format!("one {}", quantity.unit_type), found))
+            }
+            _ => Err(missing(self.assignment.entity(), quantity, needed_for)),
         }
-        factor_of(&self.assignment.open(*id)?, quantity)
     }
 
     /// A property's or quantity's value in SI: `value` names its type as IFC requires, `unit` overrides the project's.
@@ -205,7 +209,11 @@ fn resolve(record: &Record<'_>, depth: usize) -> Result<Unit, ModelError> {
 
 fn derived(record: &Record<'_>, depth: usize) -> Result<Unit, ModelError> {
     let mut product = Unit { factor: 1.0, dimensions: [0; 7] };
-    for id in record.references(0, "Elements")? {
+    let elements = record.references(0, "Elements")?;
+    if elements.len() > ELEMENTS_MAX {
+        return Err(record.wrong("Elements", format!("at most {ELEMENTS_MAX}"), elements.len().to_string()));
+    }
+    for id in elements {
         let element = record.open(id)?;
         let exponent = match element.value(1, "Exponent")? {
             // No physical quantity has higher powers; a bound keeps the sums below from overflowing.

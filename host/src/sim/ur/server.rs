@@ -4,11 +4,12 @@
 //! when the machine stalls, the grid is shifted and nothing is made up for: simulated time stands still meanwhile, so that
 //! packages never come in bursts, and the stall is counted.
 
-use super::{CYCLE_RATE, ClientId, Controller, ControllerError, CycleRecord, Options};
-use std::fs::File;
-use std::io::{self, BufWriter, Read, Write};
+use super::record::Record;
+use super::{CYCLE_RATE, ClientId, Controller, ControllerError, Options};
+use crate::failure::{Exit, Failure};
+use std::io::{self, Read, Write};
 use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// One control cycle.
@@ -52,21 +53,21 @@ pub enum SimError {
     #[error(transparent)]
     Controller(#[from] ControllerError),
     /// The robot program cannot be run.
-    #[error("{fault}: correct the program, or leave it out for Screed's own")]
+    #[error("{fault}; correct the program, or leave it out for Screed's own")]
     Program {
         /// What is wrong with it.
         fault: String,
     },
     /// Listening for other machines was not asked for.
     #[error(
-        "{host} can be reached from other machines and RTDE has no password: use 127.0.0.1, or allow remote clients"
+        "{host} can be reached from other machines and RTDE has no password; use 127.0.0.1, or allow remote clients"
     )]
     NotLoopback {
         /// As asked for.
         host: IpAddr,
     },
     /// Another process listens there.
-    #[error("{address} is in use: stop the process that listens there, or choose another port (0 takes a free one)")]
+    #[error("{address} is in use; stop the process that listens there, or choose another port (0 takes a free one)")]
     AddressInUse {
         /// As asked for.
         address: SocketAddr,
@@ -80,7 +81,7 @@ pub enum SimError {
         source: io::Error,
     },
     /// The record cannot be written.
-    #[error("cannot write {}: {source}: choose a writable place with room", path.display())]
+    #[error("cannot write {}: {source}; choose a writable place with room", path.display())]
     Record {
         /// The file.
         path: PathBuf,
@@ -93,6 +94,18 @@ pub enum SimError {
         /// Why.
         source: io::Error,
     },
+}
+
+impl From<SimError> for Failure {
+    fn from(error: SimError) -> Self {
+        let exit = match &error {
+            SimError::Controller(_) | SimError::Program { .. } => Exit::Input,
+            SimError::NotLoopback { .. } => Exit::Usage,
+            SimError::AddressInUse { .. } | SimError::Listen { .. } => Exit::Link,
+            SimError::Record { .. } | SimError::Output { .. } => Exit::Failed,
+        };
+        Self::told(exit, error.to_string())
+    }
 }
 
 /// What a server did.
@@ -302,41 +315,6 @@ impl Connection {
                 Err(error) => return Err(error),
             }
         }
-    }
-}
-
-/// The CSV file: what the robot received and did, cycle by cycle, for independent judging.
-struct Record {
-    path: PathBuf,
-    out: BufWriter<File>,
-}
-
-impl Record {
-    fn create(path: &Path) -> Result<Self, SimError> {
-        let failed = |source| SimError::Record { path: path.to_owned(), source };
-        let mut out = BufWriter::with_capacity(256 * 1024, File::create(path).map_err(failed)?);
-        let numbered = |name: &str| (0..6).map(|n| format!(",{name}_{n}")).collect::<String>();
-        let (registers, actual_q) = (numbered("register"), numbered("actual_q"));
-        let header = format!("cycle,timestamp,packages,seq{registers}{actual_q},runtime_state,stalled_ns");
-        writeln!(out, "{header}").map_err(failed)?;
-        Ok(Self { path: path.to_owned(), out })
-    }
-
-    /// Numbers are written with as many digits as give back the same number.
-    fn row(&mut self, cycle: &CycleRecord, stalled: Duration) -> Result<(), SimError> {
-        let CycleRecord { cycle: count, timestamp, packages, seq, .. } = cycle;
-        let mut write = || {
-            write!(self.out, "{count},{timestamp},{packages},{seq}")?;
-            for value in cycle.registers.iter().chain(&cycle.actual_q.0) {
-                write!(self.out, ",{value}")?;
-            }
-            writeln!(self.out, ",{},{}", cycle.runtime_state.code(), stalled.as_nanos())
-        };
-        write().map_err(|source| SimError::Record { path: self.path.clone(), source })
-    }
-
-    fn finish(&mut self) -> Result<(), SimError> {
-        self.out.flush().map_err(|source| SimError::Record { path: self.path.clone(), source })
     }
 }
 

@@ -1,6 +1,6 @@
 //! Trimmed lines and circles, and trimmed curves of these.
 
-use super::{Curves, DEPTH_MAX, Point, Record, Segment, Value};
+use super::{Curves, DEPTH_MAX, Point, Record, SUPPORTED, Segment, Value};
 use crate::model::error::ModelError;
 use crate::model::ifc::placement::{direction, point};
 use core::f64::consts::TAU;
@@ -11,8 +11,6 @@ use nalgebra::Vector3;
 const FULL_CIRCLE: f64 = 1e-9;
 /// How far, relative to its length, a trim may lie outside the trimmed curve that it trims.
 const OUTSIDE: f64 = 1e-9;
-
-const BASES: &str = "IfcTrimmedCurve of IfcLine, IfcCircle or IfcTrimmedCurve";
 
 /// A circle with the axes that its angle counts from.
 #[derive(Clone, Copy, Debug)]
@@ -78,7 +76,7 @@ impl<'f> Curves<'_, 'f> {
                 let inner = self.trimmed(&basis_curve, depth + 1)?;
                 return self.trimmed_again(curve, &inner, forward);
             }
-            _ => return Err(self.unsupported(&basis_curve, "basis of a trimmed curve", BASES)),
+            _ => return Err(self.unsupported(&basis_curve, SUPPORTED)),
         };
         let first = self.basis_parameter(curve, &basis, self.trim(curve, 1, "Trim1")?, "Trim1")?;
         let second = self.basis_parameter(curve, &basis, self.trim(curve, 2, "Trim2")?, "Trim2")?;
@@ -209,7 +207,7 @@ fn basis_number(curve: &Record<'_>) -> Result<u64, ModelError> {
 fn sweep(difference: f64, forward: bool) -> f64 {
     let sign = if forward { 1.0 } else { -1.0 };
     let turn = (sign * difference).rem_euclid(TAU);
-    if turn < FULL_CIRCLE || turn > TAU - FULL_CIRCLE { sign * TAU } else { sign * turn }
+    if turn.min(TAU - turn) < FULL_CIRCLE { sign * TAU } else { sign * turn }
 }
 
 #[cfg(test)]

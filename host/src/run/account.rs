@@ -1,0 +1,210 @@
+//! The account of a print: every waypoint, every cycle, and three errors kept apart.
+
+use crate::config::Cell;
+use crate::model::fim::Layer;
+use crate::plan::contour::Contour;
+use crate::plan::stream::Setpoint as Planned;
+use nalgebra::Point3;
+use screed_kernel::arm::Arm;
+use screed_kernel::frame::{CycleRecord, ModeCode};
+use screed_kernel::pose::Pose;
+use screed_kernel::units::JointPos;
+use serde::Serialize;
+use std::collections::VecDeque;
+
+/// Largest and root-mean-square value of a series.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spread {
+    max: f64,
+    squares: f64,
+    count: u64,
+}
+
+impl Spread {
+    fn push(&mut self, value: f64) {
+        self.max = self.max.max(value);
+        self.squares += value * value;
+        self.count += 1;
+    }
+
+    /// The largest value; `None` before the first.
+    pub fn max(&self) -> Option<f64> {
+        (self.count > 0).then_some(self.max)
+    }
+
+    /// Root mean square; `None` before the first.
+    pub fn rms(&self) -> Option<f64> {
+        (self.count > 0).then(|| (self.squares / self.count as f64).sqrt())
+    }
+}
+
+impl Serialize for Spread {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Shown {
+            max_m: Option<f64>,
+            rms_m: Option<f64>,
+            samples: u64,
+        }
+        Shown { max_m: self.max(), rms_m: self.rms(), samples: self.count }.serialize(serializer)
+    }
+}
+
+/// FNV-1a, 64 bit (Fowler, Noll, Vo): a fingerprint, not a seal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Fnv(u64);
+
+impl Fnv {
+    const fn new() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+
+    fn push(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+    }
+}
+
+/// The fingerprint of some bytes.
+pub fn fingerprint(bytes: &[u8]) -> u64 {
+    let mut hash = Fnv::new();
+    hash.push(bytes);
+    hash.0
+}
+
+/// What has happened so far.
+pub struct Account {
+    arm: Arm<6>,
+    part_from_base: Pose,
+    flange_from_tcp: Pose,
+    period_ns: u64,
+    contours: Vec<Contour>,
+    /// Path setpoints in the ring or on the way there, in order.
+    expected: VecDeque<Planned>,
+    hash: Fnv,
+    last: Option<Last>,
+    /// Figures for the final table.
+    pub figures: Figures,
+}
+
+#[derive(Clone, Copy)]
+struct Last {
+    seq: u32,
+    commanded: JointPos<6>,
+    received_ns: u64,
+}
+
+/// The figures of the final table. Lengths in metres, times in seconds.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Figures {
+    /// Robot cycles seen.
+    pub cycles: u64,
+    /// Waypoints (setpoints of the path) sent.
+    pub sent: u64,
+    /// Robot cycles in motion that went by without a new setpoint: the robot had the one before twice.
+    pub doubled: u64,
+    /// Waypoints of the path that were never sent, though later ones were.
+    pub skipped: u64,
+    /// Cycles that the machine began late by more than half a period.
+    pub stalls: u64,
+    /// The longest such delay (s).
+    pub stall_max_s: f64,
+    /// Commanded path against the model's curves, at the setpoints and half-way between.
+    pub commanded_contour: Spread,
+    /// Actual against commanded position at equal stamps: what the robot's servo lags.
+    pub following: Spread,
+    /// Actual path against the model's curves.
+    pub actual_contour: Spread,
+    /// Volume extruded (m³), from the flow commanded.
+    pub volume_m3: f64,
+}
+
+impl Account {
+    /// Nothing has happened. `layers` are the model's, in the part frame, indexed as the plan's setpoints index them.
+    pub fn new(cell: &Cell, layers: &[Layer]) -> Self {
+        Self {
+            arm: cell.robot.arm,
+            part_from_base: cell.part.base_from_part.inverse(),
+            flange_from_tcp: cell.tool.flange_from_tcp,
+            period_ns: 1_000_000_000 / u64::from(cell.link.rate_hz),
+            contours: layers.iter().map(|layer| Contour::new(&layer.segments)).collect(),
+            expected: VecDeque::new(),
+            hash: Fnv::new(),
+            last: None,
+            figures: Figures::default(),
+        }
+    }
+
+    /// Path setpoints that are on their way to the ring.
+    pub fn expect(&mut self, path: &[Planned]) {
+        self.expected.extend(path);
+    }
+
+    /// Fingerprint over sequence number, joints and flow of the path's setpoints as they were commanded, in order, each once.
+    pub fn hash(&self) -> u64 {
+        self.hash.0
+    }
+
+    /// The tool centre point in the part frame (m).
+    pub fn tcp_in_part(&self, joints: &JointPos<6>) -> Point3<f64> {
+        Point3::from((self.part_from_base * self.arm.forward(joints) * self.flange_from_tcp).translation)
+    }
+
+    /// Takes one cycle into account; returns the path setpoint that was newly commanded in it, if one was.
+    pub fn observe(&mut self, record: &CycleRecord) -> Option<Planned> {
+        let figures = &mut self.figures;
+        figures.cycles += 1;
+        if let Some(last) = self.last {
+            let late = record.received_ns.saturating_sub(last.received_ns + self.period_ns);
+            if late > self.period_ns / 2 {
+                figures.stalls += 1;
+                figures.stall_max_s = figures.stall_max_s.max(late as f64 * 1e-9);
+            }
+        }
+        let moving = matches!(record.mode, ModeCode::Moving | ModeCode::Stopping);
+        if moving {
+            figures.doubled += u64::from(record.missed);
+        }
+        figures.volume_m3 += record.flow * self.period_ns as f64 * 1e-9;
+        let commanded = JointPos(<[f64; 6]>::try_from(record.commanded.as_slice()).ok()?);
+        let actual = JointPos(<[f64; 6]>::try_from(record.actual.as_slice()).ok()?);
+        let last = self.last.replace(Last { seq: record.seq, commanded, received_ns: record.received_ns });
+        let fresh = moving && last.is_none_or(|last| last.seq != record.seq);
+        let planned = if fresh { self.take_expected(record, &commanded) } else { None };
+        let layer = planned.filter(|planned| planned.deposit).map(|planned| planned.layer);
+        if let Some(layer) = layer {
+            self.measure(layer, &commanded, last.map(|last| last.commanded), &actual);
+        }
+        planned
+    }
+
+    fn take_expected(&mut self, record: &CycleRecord, commanded: &JointPos<6>) -> Option<Planned> {
+        while self.expected.front().is_some_and(|planned| planned.seq < record.seq) {
+            self.expected.pop_front();
+            self.figures.skipped += 1;
+        }
+        let planned = self.expected.pop_front_if(|planned| planned.seq == record.seq)?;
+        self.figures.sent += 1;
+        self.hash.push(&record.seq.to_le_bytes());
+        commanded.0.iter().for_each(|q| self.hash.push(&q.to_bits().to_le_bytes()));
+        self.hash.push(&record.flow.to_bits().to_le_bytes());
+        Some(planned)
+    }
+
+    fn measure(&mut self, layer: usize, commanded: &JointPos<6>, before: Option<JointPos<6>>, actual: &JointPos<6>) {
+        let (commanded_tcp, actual_tcp) = (self.tcp_in_part(commanded), self.tcp_in_part(actual));
+        let between = before.map(|before| {
+            let halfway = std::array::from_fn(|j| 0.5 * (before.0[j] + commanded.0[j]));
+            self.tcp_in_part(&JointPos(halfway))
+        });
+        let Some(contour) = self.contours.get_mut(layer) else { return };
+        let figures = &mut self.figures;
+        figures.commanded_contour.push(contour.distance(&commanded_tcp));
+        if let Some(between) = between {
+            figures.commanded_contour.push(contour.distance(&between));
+        }
+        figures.following.push((commanded_tcp - actual_tcp).norm());
+        figures.actual_contour.push(contour.distance(&actual_tcp));
+    }
+}

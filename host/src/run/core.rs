@@ -1,0 +1,271 @@
+//! What `screed-rt` does in a cycle, without sockets and clocks: robot, host and extruder bytes in, bytes for all three out.
+//! The timed process and virtual time both drive this one machine.
+
+use crate::config::Cell;
+use crate::link::extruder::{ExtruderError, ExtruderLine};
+use crate::link::rtde::{Event, LinkError, RobotState, RtdeClient, TextLevel};
+use screed_kernel::fault::Fault;
+use screed_kernel::frame::{self, CycleRecord, FromKernel, NOTE_MAX};
+use screed_kernel::tick::{Kernel, Sensors};
+use screed_kernel::units::Nanos;
+use std::fmt::Display;
+
+/// Setpoints the ring holds: 16 s at 500 Hz.
+pub const RING: usize = 8192;
+
+/// Room for telemetry while the host is busy; what does not fit is dropped and counted.
+const TELEMETRY_MAX: usize = 1 << 20;
+
+/// Robot program and safety state in which setpoints are taken: `runtime_state` playing, `robot_mode` running, and of the
+/// safety bits normal (0) or reduced (1).
+const PLAYING: u32 = 2;
+const RUNNING: i32 = 7;
+const SAFETY_MOVING: u32 = 0b11;
+
+/// Why there is no such machine for a cell.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CoreError {
+    /// The link.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The extruder's line.
+    #[error(transparent)]
+    Extruder(#[from] ExtruderError),
+}
+
+/// The real-time process as a state machine.
+pub struct Core {
+    kernel: Kernel<6, RING>,
+    robot: RtdeClient,
+    extruder: ExtruderLine,
+    /// Bytes for the host that are not on the wire yet.
+    telemetry: Vec<u8>,
+    telemetry_dropped: u64,
+    /// The present cycle, until its answer is sent.
+    record: Option<CycleRecord>,
+    /// Counts packages to the robot: its program takes a setpoint whenever this changes.
+    package: u32,
+    realtime: bool,
+    note: heapless::String<NOTE_MAX>,
+    extruder_failed: bool,
+}
+
+impl Core {
+    /// Ready to negotiate with the robot. `realtime` and `note` say what scheduling the process got.
+    ///
+    /// # Errors
+    /// [`CoreError`] when the cell's link or extruder line cannot be.
+    pub fn new(cell: &Cell, realtime: bool, note: &str) -> Result<Self, CoreError> {
+        let timeout_ns = (cell.link.timeout * 1e9) as u64;
+        let robot = RtdeClient::new(&cell.robot.arm, cell.link.rate_hz, cell.link.register_offset, timeout_ns)?;
+        Ok(Self {
+            kernel: Kernel::new(),
+            robot,
+            extruder: ExtruderLine::new(cell.extruder.flow_max, timeout_ns)?,
+            telemetry: Vec::with_capacity(TELEMETRY_MAX),
+            telemetry_dropped: 0,
+            record: None,
+            package: 0,
+            realtime,
+            note: shorten(note),
+            extruder_failed: false,
+        })
+    }
+
+    /// Bytes from the robot. Each state package in them is one cycle; of several only the newest is answered.
+    ///
+    /// # Errors
+    /// [`LinkError`]: the link is down. The host has been told and nothing more is sent to the robot.
+    pub fn on_robot(&mut self, now: Nanos, bytes: &[u8]) -> Result<(), LinkError> {
+        let result = self.robot.handle_bytes(now, bytes);
+        while let Some(event) = self.robot.poll_event() {
+            match event {
+                Event::Running { .. } => {}
+                Event::State { state, skipped } if result.is_ok() => self.cycle(now, &state, skipped)?,
+                Event::State { .. } => {}
+                Event::Text { text, .. } => {
+                    if matches!(text.level, TextLevel::Exception | TextLevel::Error) {
+                        self.alarm(false, &format_args!("the controller says: {}", text.message));
+                    }
+                }
+            }
+        }
+        self.check(result)
+    }
+
+    /// The robot closed the connection.
+    pub fn on_robot_closed(&mut self) -> LinkError {
+        let error = self.robot.handle_closed();
+        match self.check(Err(error)) {
+            Err(error) => error,
+            Ok(()) => error,
+        }
+    }
+
+    /// Time has passed: notices a silent robot and a silent extruder.
+    ///
+    /// # Errors
+    /// As [`Self::on_robot`].
+    pub fn on_time(&mut self, now: Nanos) -> Result<(), LinkError> {
+        let extruder = self.extruder.handle_timeout(now);
+        self.check_extruder(extruder);
+        let robot = self.robot.handle_timeout(now);
+        self.check(robot)
+    }
+
+    /// When [`Self::on_time`] wants to be called.
+    pub fn deadline(&self) -> Option<Nanos> {
+        let both = [self.robot.poll_timeout(), self.extruder.poll_timeout()];
+        both.into_iter().flatten().min()
+    }
+
+    /// Bytes from the host; returns how many were taken. The rest waits for the next cycle.
+    pub fn on_host(&mut self, bytes: &[u8]) -> usize {
+        self.kernel.receive(bytes)
+    }
+
+    /// A host has attached: what it hears begins with a whole frame.
+    pub fn on_host_attached(&mut self) {
+        self.telemetry.clear();
+        self.kernel.host_changed();
+        self.say(&FromKernel::Process { realtime: self.realtime, note: self.note.clone() });
+    }
+
+    /// Bytes from the extruder.
+    pub fn on_extruder(&mut self, now: Nanos, bytes: &[u8]) {
+        let result = self.extruder.handle_bytes(now, bytes);
+        self.check_extruder(result);
+    }
+
+    /// Bytes for the robot; call until it gives 0.
+    pub fn to_robot(&mut self, now: Nanos, out: &mut [u8]) -> usize {
+        self.robot.poll_transmit(now, out)
+    }
+
+    /// Bytes for the extruder.
+    pub fn to_extruder(&mut self, now: Nanos, out: &mut [u8]) -> usize {
+        self.extruder.poll_transmit(now, out)
+    }
+
+    /// Bytes for the host: what waits, and how to say that some of it is on the wire.
+    pub fn to_host(&mut self) -> &[u8] {
+        &self.telemetry
+    }
+
+    /// `count` bytes of [`Self::to_host`] are on the wire.
+    pub fn sent_to_host(&mut self, count: usize) {
+        self.telemetry.drain(..count.min(self.telemetry.len()));
+    }
+
+    /// Closes the cycle begun by [`Self::on_robot`], if there was one: when it had ticked, when its answer was sent.
+    pub fn finish_cycle(&mut self, ticked: Nanos, sent: Nanos) {
+        let mut out = [0; 1024];
+        let used = self.kernel.poll_transmit(&mut out);
+        self.queue(out.get(..used).unwrap_or(&[]));
+        if let Some(record) = self.record.take() {
+            self.say(&FromKernel::Cycle(CycleRecord { ticked_ns: ticked.0, sent_ns: sent.0, ..record }));
+        }
+    }
+
+    /// Whether the host asked the process to end and the arm is at rest.
+    pub fn may_quit(&self) -> bool {
+        self.kernel.may_quit()
+    }
+
+    /// Comes to rest and then lets the process end: what the host's `Quit` does.
+    pub fn quit(&mut self) {
+        self.kernel.quit();
+    }
+
+    /// Tells the extruder to stop; the bytes are in [`Self::to_extruder`].
+    pub fn stop_extruder(&mut self) {
+        // Zero is a flow that every extruder takes.
+        let _ = self.extruder.set_flow(0.0);
+    }
+
+    fn cycle(&mut self, now: Nanos, state: &RobotState, missed: u32) -> Result<(), LinkError> {
+        let ready = state.runtime_state == PLAYING
+            && state.robot_mode == RUNNING
+            && state.safety_status_bits & SAFETY_MOVING != 0
+            && self.extruder.status().ready;
+        let command = self.kernel.tick(&Sensors { actual: state.actual_q, ready });
+        if let Some(joints) = command.joints {
+            self.package = self.package.wrapping_add(1);
+            self.robot.send_setpoint(self.package, &joints)?;
+        }
+        let flow = self.extruder.set_flow(if self.extruder_failed { 0.0 } else { command.flow });
+        self.check_extruder(flow);
+        let list = |joints: &[f64; 6]| joints.iter().copied().collect();
+        self.record = Some(CycleRecord {
+            tick: self.kernel.status().tick,
+            received_ns: now.0,
+            ticked_ns: 0,
+            sent_ns: 0,
+            robot_time: state.timestamp,
+            missed,
+            seq: command.seq,
+            mode: command.mode.code(),
+            deposit: command.deposit,
+            rate: command.rate,
+            flow: command.flow,
+            commanded: command.joints.map(|joints| list(&joints.0)).unwrap_or_default(),
+            actual: list(&state.actual_q.0),
+        });
+        Ok(())
+    }
+
+    fn check(&mut self, result: Result<(), LinkError>) -> Result<(), LinkError> {
+        if let Err(error) = result {
+            self.kernel.robot_lost();
+            self.stop_extruder();
+            self.alarm(true, &error);
+        }
+        result
+    }
+
+    fn check_extruder(&mut self, result: Result<(), ExtruderError>) {
+        if let Err(error) = result
+            && !self.extruder_failed
+        {
+            self.extruder_failed = true;
+            self.kernel.raise(Fault::Extruder);
+            self.alarm(false, &error);
+        }
+    }
+
+    fn alarm(&mut self, fatal: bool, text: &dyn Display) {
+        self.say(&FromKernel::Alarm { fatal, note: shorten(text) });
+    }
+
+    fn say(&mut self, message: &FromKernel) {
+        let mut out = [0; 1024];
+        match frame::encode(message, &mut out) {
+            Ok(used) => self.queue(out.get(..used).unwrap_or(&[])),
+            Err(_) => self.telemetry_dropped += 1,
+        }
+    }
+
+    fn queue(&mut self, bytes: &[u8]) {
+        // Never beyond what was allocated at start.
+        if self.telemetry.len() + bytes.len() <= self.telemetry.capacity() {
+            self.telemetry.extend_from_slice(bytes);
+        } else {
+            self.telemetry_dropped += 1;
+        }
+    }
+}
+
+/// The text as far as a note has room for it.
+fn shorten(text: impl Display) -> heapless::String<NOTE_MAX> {
+    use std::fmt::Write;
+    let mut note = heapless::String::new();
+    // A full note refuses the next character: its beginning is what counts.
+    struct Cut<'a>(&'a mut heapless::String<NOTE_MAX>);
+    impl Write for Cut<'_> {
+        fn write_str(&mut self, text: &str) -> std::fmt::Result {
+            text.chars().try_for_each(|c| self.0.push(c).map_err(|_| std::fmt::Error))
+        }
+    }
+    let _ = write!(Cut(&mut note), "{text}");
+    note
+}

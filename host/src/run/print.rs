@@ -1,0 +1,320 @@
+//! The timed print: starts or finds `screed-rt`, drives a [`Session`] over its socket, and keeps a person informed.
+
+use crate::config::Cell;
+use crate::failure::{Exit, Failure};
+use crate::log::{LogWriter, Metadata};
+use crate::model::fim::FimModel;
+use crate::run::children::{self, Process};
+use crate::run::job::Outcome;
+use crate::run::session::{Progress, Session, SessionError, Step, Wishes, degrees};
+use crate::run::signal;
+use crate::run::summary::Summary;
+use std::io::{self, BufRead, ErrorKind, IsTerminal, Read, Write};
+use std::os::fd::AsRawFd;
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::mpsc::{self, Receiver, TryRecvError};
+use std::time::{Duration, Instant};
+
+/// How long a stop may take before the host gives up waiting for it.
+const STOP_PATIENCE: Duration = Duration::from_secs(5);
+
+/// What to print, where, and how.
+pub struct Print<'a> {
+    /// The cell.
+    pub cell: &'a Cell,
+    /// The model.
+    pub model: &'a FimModel,
+    /// Which part of it, and for how long.
+    pub wishes: Wishes,
+    /// Where to log.
+    pub log: Option<PathBuf>,
+    /// The model's file name and bytes, for the log.
+    pub source: (&'a str, &'a [u8]),
+    /// Whether motion is confirmed beforehand (simulated robots only).
+    pub yes: bool,
+    /// Whether no progress is shown.
+    pub quiet: bool,
+}
+
+/// A connection to `screed-rt`, and the process if this host started it.
+pub struct Attached {
+    stream: UnixStream,
+    process: Option<Process>,
+}
+
+/// Attaches to the `screed-rt` that answers at `socket`, or starts it with `command`.
+///
+/// # Errors
+/// [`Failure`] with what `screed-rt` said, if it ended.
+pub fn attach(socket: &Path, command: Option<Command>) -> Result<Attached, Failure> {
+    if let Ok(stream) = UnixStream::connect(socket) {
+        return Ok(Attached { stream, process: None });
+    }
+    let Some(command) = command else {
+        let message = format!("no screed-rt answers at {}", socket.display());
+        return Err(Failure::new(Exit::Link, message, "start it, or leave --attach out to have it started"));
+    };
+    let mut process = Process::spawn("screed-rt", command)?;
+    let until = Instant::now() + Duration::from_secs(10);
+    loop {
+        process.check()?;
+        if let Ok(stream) = UnixStream::connect(socket) {
+            return Ok(Attached { stream, process: Some(process) });
+        }
+        if Instant::now() > until {
+            let message = format!("screed-rt does not answer at {}", socket.display());
+            return Err(Failure::new(Exit::Link, message, "see whether another process blocks the machine"));
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Opens the log a print asks for.
+///
+/// # Errors
+/// [`Failure`] when it cannot be written.
+pub fn open_log(print: &Print<'_>) -> Result<Option<LogWriter>, Failure> {
+    let Some(path) = &print.log else { return Ok(None) };
+    let cell = print.cell;
+    let (name, bytes) = print.source;
+    let metadata = Metadata {
+        screed: children::VERSION.to_owned(),
+        cell: cell.name.clone(),
+        model: name.to_owned(),
+        model_hash: format!("{:016x}", crate::run::account::fingerprint(bytes)),
+        arm: cell.robot.model.clone(),
+        rate_hz: cell.link.rate_hz,
+        modes: ["unready", "holding", "moving", "stopping", "faulted"].map(str::to_owned).to_vec(),
+    };
+    Ok(Some(LogWriter::create(path, &metadata)?))
+}
+
+/// Prints. The summary says how it ended.
+///
+/// # Errors
+/// [`Failure`]; the ring then still plays to its end, and the arm rests on its path.
+pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
+    let log = open_log(print)?;
+    let Attached { stream, process } = attached;
+    let mut session = Session::new(print.cell, print.model, print.wishes.clone(), log);
+    let mut driver = Driver { stream, started: Instant::now(), shown: None, terminal: io::stderr().is_terminal() };
+    let result = driver.drive(&mut session, print);
+    if process.is_some() {
+        // Whatever happened: the process comes to rest, closes the extruder's line and ends.
+        session.job().quit();
+        let _ = driver.exchange(&mut session);
+    }
+    driver.end_line();
+    session.finish()?;
+    if let Some(mut process) = process {
+        let mut ended = false;
+        for _ in 0..150 {
+            let _ = driver.exchange(&mut session);
+            ended = process.wait(Duration::from_millis(10));
+            if ended {
+                break;
+            }
+        }
+        if !ended {
+            drop(process);
+        }
+    }
+    let outcome = result?;
+    let mut summary = session.summary(&print.source.0.to_owned(), outcome);
+    summary.log = print.log.as_ref().map(|path| path.display().to_string());
+    Ok(summary)
+}
+
+struct Driver {
+    stream: UnixStream,
+    started: Instant,
+    shown: Option<Instant>,
+    terminal: bool,
+}
+
+impl Driver {
+    fn drive(&mut self, session: &mut Session<'_>, print: &Print<'_>) -> Result<&'static str, Failure> {
+        let mut answer: Option<Receiver<bool>> = None;
+        let mut told = false;
+        let mut stopping: Option<Instant> = None;
+        loop {
+            self.exchange(session)?;
+            if !told && let Some(status) = session.job().left_behind() {
+                told = true;
+                eprintln!(
+                    "note: an earlier host was lost; its ring was played to its end, the arm rests on its path at setpoint {} \
+                     of {}. To go on with that print, choose the layer with --from-layer.",
+                    status.consumed, status.end_seq
+                );
+            }
+            for alarm in session.job().take_alarms() {
+                self.end_line();
+                eprintln!("alarm: {alarm}");
+            }
+            match session.step(self.started.elapsed().as_secs_f64())? {
+                Step::Running => {}
+                Step::Confirm => answer = self.ask(session, print),
+                Step::Ended(Outcome::Complete) => return Ok("complete"),
+                Step::Ended(Outcome::Stopped) => {
+                    return Ok(if stopping.is_some() { "interrupted" } else { "stopped" });
+                }
+            }
+            match answer.as_ref().map(Receiver::try_recv) {
+                Some(Ok(true)) => (answer, _) = (None, session.confirm()),
+                Some(Ok(false) | Err(TryRecvError::Disconnected)) => {
+                    return Err(Failure::new(Exit::Failed, "the motion was not confirmed", "nothing has moved"));
+                }
+                Some(Err(TryRecvError::Empty)) | None => {}
+            }
+            if signal::stop_requested() && stopping.is_none() {
+                stopping = Some(Instant::now());
+                session.stop();
+            }
+            if stopping.is_some_and(|since| since.elapsed() > STOP_PATIENCE) {
+                let message = "screed-rt does not say that the arm rests";
+                return Err(Failure::new(Exit::SafetyStop, message, "use the emergency stop if the arm moves"));
+            }
+            if !print.quiet {
+                self.show(session);
+            }
+        }
+    }
+
+    /// Waits a little for the process, hears it, and says what there is to say.
+    fn exchange(&mut self, session: &mut Session<'_>) -> Result<(), Failure> {
+        let gone = || Failure::new(Exit::Link, "screed-rt has ended", "look at what it said, and start it again");
+        let mut line = libc::pollfd { fd: self.stream.as_raw_fd(), events: libc::POLLIN, revents: 0 };
+        // SAFETY: one entry, which outlives the call.
+        unsafe { libc::poll(&raw mut line, 1, 5) };
+        self.stream.set_nonblocking(true).map_err(|_| gone())?;
+        let mut bytes = [0; 65536];
+        match self.stream.read(&mut bytes) {
+            Ok(0) => return Err(gone()),
+            Ok(count) => session.handle_bytes(bytes.get(..count).unwrap_or(&[]))?,
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
+            Err(_) => return Err(gone()),
+        }
+        let out = session.poll_transmit()?;
+        match self.stream.write(out) {
+            Ok(count) => drop(out.drain(..count)),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
+            Err(_) => return Err(gone()),
+        }
+        Ok(())
+    }
+
+    /// Shows the approach and asks, or takes the answer given beforehand.
+    fn ask(&mut self, session: &mut Session<'_>, print: &Print<'_>) -> Option<Receiver<bool>> {
+        if let Some(plan) = session.plan() {
+            let approach = plan.approach();
+            eprintln!("approach, joints in degrees:");
+            eprintln!("  from {}", degrees(&approach.from));
+            eprintln!("  to   {}", degrees(&approach.to));
+            eprintln!(
+                "  {:.1} s; the tool goes {:.3} m, nowhere lower than {:.0} mm above the part's base",
+                approach.duration,
+                approach.tool_distance,
+                approach.tool_lowest * 1e3
+            );
+        }
+        if print.yes {
+            session.confirm();
+            return None;
+        }
+        eprint!("The robot will move. Type yes to begin: ");
+        let (sender, receiver) = mpsc::channel();
+        // A thread of its own, so that the print is listened to while the person thinks.
+        std::thread::spawn(move || {
+            let mut line = String::new();
+            let read = io::stdin().lock().read_line(&mut line);
+            let _ = sender.send(read.is_ok() && line.trim() == "yes");
+        });
+        Some(receiver)
+    }
+
+    /// A line of progress: in place on a terminal, every five seconds elsewhere.
+    fn show(&mut self, session: &mut Session<'_>) {
+        let every = if self.terminal { Duration::from_millis(200) } else { Duration::from_secs(5) };
+        if self.shown.is_some_and(|shown| shown.elapsed() < every) {
+            return;
+        }
+        let Some(progress) = session.progress(self.started.elapsed().as_secs_f64()) else { return };
+        self.shown = Some(Instant::now());
+        let line = progress_line(session, &progress);
+        if self.terminal { eprint!("\r\x1b[K{line}") } else { eprintln!("{line}") }
+        let _ = io::stderr().flush();
+    }
+
+    fn end_line(&mut self) {
+        if self.terminal && self.shown.is_some() {
+            eprintln!();
+            self.shown = None;
+        }
+    }
+}
+
+/// One line: layer, share, time left, errors, cycles missed, scheduling.
+pub fn progress_line(session: &mut Session<'_>, progress: &Progress) -> String {
+    let realtime = session.job().process().is_some_and(|(realtime, _)| realtime);
+    let figures = &session.job().account().figures;
+    let millimetres = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{:.3}", value * 1e3));
+    let layer = progress.layer.map_or("approach".to_owned(), |layer| {
+        format!("layer {} ({} to {})", layer, progress.layers.0, progress.layers.1.saturating_sub(1))
+    });
+    format!(
+        "{layer}  {:5.1} %  {:.0} s left  contour {} mm, lag {} mm  doubled {}  late {}  {}",
+        progress.share * 100.0,
+        progress.seconds_left,
+        millimetres(figures.commanded_contour.max()),
+        millimetres(figures.following.rms()),
+        figures.doubled,
+        figures.stalls,
+        if realtime { "RT" } else { "NON-RT" },
+    )
+}
+
+/// What a session's failure means to the shell.
+impl From<SessionError> for Failure {
+    fn from(error: SessionError) -> Self {
+        use crate::run::job::JobError;
+        match error {
+            SessionError::Plan(error) | SessionError::Job(JobError::Plan(error)) => error.into(),
+            SessionError::Log(error) => error.into(),
+            SessionError::Job(error) => {
+                let (exit, remedy) = match &error {
+                    JobError::Fault(report) => (Exit::SafetyStop, report.fault.action()),
+                    JobError::Link(_) => (Exit::Link, "mend the link and start again; nothing moves by itself"),
+                    JobError::Underrun { .. } => {
+                        (Exit::Failed, "run on a quieter machine; go on with --from-layer")
+                    }
+                    _ => (Exit::Failed, "start screed and screed-rt of the same build; report this if they are"),
+                };
+                Self::new(exit, error.to_string(), remedy)
+            }
+        }
+    }
+}
+
+impl From<children::ChildError> for Failure {
+    fn from(error: children::ChildError) -> Self {
+        match error {
+            children::ChildError::Ended { code, message } => {
+                let exit = match code {
+                    Some(3) => Exit::Input,
+                    Some(4) => Exit::Link,
+                    _ => Exit::Failed,
+                };
+                let (message, remedy) = match message.split_once("\nremedy: ") {
+                    Some((message, remedy)) => (message.to_owned(), remedy.to_owned()),
+                    None => (message, "start it by hand to see what is wrong".to_owned()),
+                };
+                Self::new(exit, message, remedy)
+            }
+            error @ children::ChildError::Spawn { .. } => {
+                Self::new(Exit::Failed, error.to_string(), "install both programs, screed and screed-rt, in one folder")
+            }
+        }
+    }
+}

@@ -1,0 +1,50 @@
+//! Asks the system for what a hard-timed loop needs, and says what was refused.
+
+use crate::config::Realtime;
+use std::io::Error;
+
+/// What the process got.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Scheduling {
+    /// Whether everything asked for was granted.
+    pub realtime: bool,
+    /// What was refused and how to allow it; empty when nothing was.
+    pub note: String,
+}
+
+/// Fixed-priority scheduling (SCHED_FIFO), memory locked, bound to a processor if the cell names one.
+pub fn enter(wanted: &Realtime) -> Scheduling {
+    let mut refused = Vec::new();
+    if let Some(cpu) = wanted.cpu
+        && let Err(error) = bind(cpu)
+    {
+        refused.push(format!("binding to processor {cpu} was refused ({error}): name one that exists in [realtime] cpu"));
+    }
+    // SAFETY: no pointers; locks this process's own pages.
+    if unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) } != 0 {
+        refused.push(format!("locking memory was refused ({}): raise memlock in limits.conf", Error::last_os_error()));
+    }
+    let parameter = libc::sched_param { sched_priority: i32::from(wanted.priority) };
+    // SAFETY: the parameter outlives the call; 0 means this process.
+    if unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameter) } != 0 {
+        refused.push(format!(
+            "SCHED_FIFO priority {} was refused ({}): raise rtprio in limits.conf or grant CAP_SYS_NICE",
+            wanted.priority,
+            Error::last_os_error()
+        ));
+    }
+    Scheduling { realtime: refused.is_empty(), note: refused.join("; ") }
+}
+
+fn bind(cpu: usize) -> Result<(), Error> {
+    if cpu >= 8 * size_of::<libc::cpu_set_t>() {
+        return Err(Error::from_raw_os_error(libc::EINVAL));
+    }
+    // SAFETY: an all-zero cpu_set_t is the empty set; `cpu` is inside it; the set outlives the call.
+    let result = unsafe {
+        let mut set: libc::cpu_set_t = std::mem::zeroed();
+        libc::CPU_SET(cpu, &mut set);
+        libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &raw const set)
+    };
+    if result == 0 { Ok(()) } else { Err(Error::last_os_error()) }
+}

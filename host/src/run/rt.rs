@@ -1,0 +1,328 @@
+//! The timed process, `screed-rt`: owns the robot's socket, the extruder's line and the host's socket, and drives [`Core`].
+//!
+//! The robot's telegram is the clock: each one is read, answered and stamped before anything else is looked at.
+
+use crate::config::{self, Cell, ConfigError};
+use crate::failure::{Exit, Failure};
+use crate::link::rtde::LinkError;
+use crate::run::core::{Core, CoreError};
+use crate::run::serial::{SerialError, SerialPortNow};
+use crate::run::{realtime, signal};
+use screed_kernel::tick::RECEIVE_MAX;
+use screed_kernel::units::Nanos;
+use std::fs;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::os::fd::{AsRawFd, RawFd};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Arguments of `screed-rt`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct RtArgs {
+    /// The cell file
+    #[arg(long)]
+    pub cell: PathBuf,
+    /// The Unix socket on which the host is answered
+    #[arg(long)]
+    pub socket: PathBuf,
+    /// The robot's address, instead of the cell file's
+    #[arg(long, value_name = "HOST:PORT")]
+    pub robot: Option<String>,
+    /// The extruder's serial device, instead of the cell file's
+    #[arg(long, value_name = "DEVICE")]
+    pub extruder: Option<PathBuf>,
+    /// End when no host has been attached for so long and the arm is at rest
+    #[arg(long, value_name = "SECONDS")]
+    pub exit_when_idle: Option<u64>,
+}
+
+/// Why the process cannot begin or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum RtError {
+    /// The cell file.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// Nobody answers at the robot's address.
+    #[error("the robot at {address} does not answer: {source}; check address and port in [link] of the cell file, and that the controller is on")]
+    Robot {
+        /// Where.
+        address: String,
+        /// Why.
+        source: io::Error,
+    },
+    /// The link to the robot failed.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The extruder's device cannot be opened.
+    #[error("the extruder: {0}; check [extruder] in the cell file and that the device is there")]
+    Extruder(#[from] SerialError),
+    /// Ctrl-C and termination cannot be caught.
+    #[error(transparent)]
+    Signals(#[from] signal::SignalError),
+    /// The machine cannot be made from the cell.
+    #[error(transparent)]
+    Core(#[from] CoreError),
+    /// The host's socket cannot be made.
+    #[error("the socket {path} cannot be made: {source}; choose another with --socket", path = .path.display())]
+    Socket {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// Waiting for the lines failed.
+    #[error("waiting for the robot failed: {0}")]
+    Wait(io::Error),
+}
+
+impl From<RtError> for Failure {
+    fn from(error: RtError) -> Self {
+        match error {
+            RtError::Config(error) => error.into(),
+            RtError::Signals(error) => error.into(),
+            RtError::Core(error) => Self::told(Exit::Input, error.to_string()),
+            RtError::Socket { .. } | RtError::Wait(_) => Self::told(Exit::Failed, error.to_string()),
+            RtError::Robot { .. } | RtError::Link(_) | RtError::Extruder(_) => {
+                Self::told(Exit::Link, error.to_string())
+            }
+        }
+    }
+}
+
+/// Runs until the host says quit, a link fails, or (with `exit_when_idle`) nobody has been there for long.
+///
+/// # Errors
+/// [`RtError`].
+pub fn run(args: &RtArgs) -> Result<(), RtError> {
+    signal::catch_stop()?;
+    let cell = config::load(&args.cell)?;
+    let scheduling = realtime::enter(&cell.realtime);
+    let core = Core::new(&cell, scheduling.realtime, &scheduling.note)?;
+    let extruder = open_extruder(&cell, args)?;
+    let robot = connect(&cell, args)?;
+    let host = HostSide::listen(&args.socket)?;
+    let result = Process { core, robot, extruder, extruder_gone: false, host, start: Instant::now() }.serve(args.exit_when_idle);
+    let _ = fs::remove_file(&args.socket);
+    result
+}
+
+fn connect(cell: &Cell, args: &RtArgs) -> Result<TcpStream, RtError> {
+    let address = args.robot.clone().unwrap_or_else(|| format!("{}:{}", cell.link.address, cell.link.port));
+    let fail = |source| RtError::Robot { address: address.clone(), source };
+    let mut last = io::Error::new(ErrorKind::NotFound, "the name has no address");
+    for candidate in address.to_socket_addrs().map_err(fail)? {
+        match TcpStream::connect_timeout(&candidate, Duration::from_secs(3)) {
+            Ok(stream) => {
+                stream.set_nodelay(true).and_then(|()| stream.set_nonblocking(true)).map_err(fail)?;
+                return Ok(stream);
+            }
+            Err(error) => last = error,
+        }
+    }
+    Err(fail(last))
+}
+
+fn open_extruder(cell: &Cell, args: &RtArgs) -> Result<SerialPortNow, RtError> {
+    let device = args.extruder.clone().unwrap_or_else(|| cell.extruder.device.clone());
+    Ok(SerialPortNow::open(&device, cell.extruder.baud)?)
+}
+
+/// The host's end: a listener, at most one host, and bytes of it that the kernel has not taken yet.
+struct HostSide {
+    listener: UnixListener,
+    stream: Option<UnixStream>,
+    waiting: Vec<u8>,
+    idle_since: Instant,
+}
+
+impl HostSide {
+    /// What to wait on: a host that asks, or one that speaks while there is room for what it says. Negative is nothing.
+    fn fd(&self) -> RawFd {
+        match &self.stream {
+            None => self.listener.as_raw_fd(),
+            Some(stream) if self.waiting.len() < RECEIVE_MAX => stream.as_raw_fd(),
+            Some(_) => -1,
+        }
+    }
+
+    fn listen(path: &PathBuf) -> Result<Self, RtError> {
+        let fail = |source| RtError::Socket { path: path.clone(), source };
+        if UnixStream::connect(path).is_ok() {
+            return Err(fail(io::Error::new(ErrorKind::AddrInUse, "another screed-rt answers there")));
+        }
+        // Nobody answers: what lies there is left over.
+        let _ = fs::remove_file(path);
+        let listener = UnixListener::bind(path).map_err(fail)?;
+        fs::set_permissions(path, fs::Permissions::from_mode(0o600)).map_err(fail)?;
+        listener.set_nonblocking(true).map_err(fail)?;
+        Ok(Self { listener, stream: None, waiting: Vec::with_capacity(2 * RECEIVE_MAX), idle_since: Instant::now() })
+    }
+
+    /// A host that asks while none is attached, or in place of one that is gone.
+    fn accept(&mut self, core: &mut Core) {
+        while let Ok((stream, _)) = self.listener.accept() {
+            // A second host is turned away: its connection closes at once.
+            if self.stream.is_none() && stream.set_nonblocking(true).is_ok() {
+                self.stream = Some(stream);
+                self.waiting.clear();
+                core.on_host_attached();
+            }
+        }
+    }
+
+    fn exchange(&mut self, core: &mut Core) {
+        let mut gone = false;
+        if let Some(stream) = &mut self.stream {
+            let mut bytes = [0; RECEIVE_MAX];
+            let room = bytes.len().saturating_sub(self.waiting.len());
+            match stream.read(bytes.get_mut(..room).unwrap_or(&mut [])) {
+                Ok(0) if room > 0 => gone = true,
+                Ok(count) => self.waiting.extend_from_slice(bytes.get(..count).unwrap_or(&[])),
+                Err(error) => gone = !is_wait(&error),
+            }
+            let taken = core.on_host(&self.waiting);
+            self.waiting.drain(..taken);
+            match stream.write(core.to_host()) {
+                Ok(count) => core.sent_to_host(count),
+                Err(error) => gone |= !is_wait(&error),
+            }
+        }
+        if gone {
+            self.stream = None;
+            self.idle_since = Instant::now();
+        }
+    }
+}
+
+struct Process {
+    core: Core,
+    robot: TcpStream,
+    extruder: SerialPortNow,
+    extruder_gone: bool,
+    host: HostSide,
+    start: Instant,
+}
+
+impl Process {
+    fn serve(&mut self, exit_when_idle: Option<u64>) -> Result<(), RtError> {
+        let result = self.cycles(exit_when_idle);
+        self.core.stop_extruder();
+        self.exchange_extruder();
+        // What the host has to hear is at most a few frames; it has a moment to take them.
+        let until = Instant::now() + Duration::from_millis(200);
+        while self.host.stream.is_some() && !self.core.to_host().is_empty() && Instant::now() < until {
+            self.host.exchange(&mut self.core);
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        result
+    }
+
+    fn cycles(&mut self, exit_when_idle: Option<u64>) -> Result<(), RtError> {
+        let mut ending = false;
+        loop {
+            self.send_to_robot()?;
+            self.wait()?;
+            self.hear_robot()?;
+            self.core.on_time(self.now())?;
+            self.exchange_extruder();
+            self.host.accept(&mut self.core);
+            self.host.exchange(&mut self.core);
+            let idle = self.host.stream.is_none()
+                && exit_when_idle.is_some_and(|limit| self.host.idle_since.elapsed().as_secs() >= limit);
+            if (signal::stop_requested() || idle) && !ending {
+                ending = true;
+                self.core.quit();
+            }
+            if self.core.may_quit() {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Reads what the robot sent, answers it, and only then stamps and reports the cycle.
+    fn hear_robot(&mut self) -> Result<(), RtError> {
+        let mut bytes = [0; 4096];
+        let mut fill = 0;
+        let mut closed = false;
+        while let Some(room) = bytes.get_mut(fill..).filter(|room| !room.is_empty()) {
+            match self.robot.read(room) {
+                Ok(0) => closed = true,
+                Ok(count) => {
+                    fill += count;
+                    continue;
+                }
+                Err(error) if is_wait(&error) => {}
+                Err(_) => closed = true,
+            }
+            break;
+        }
+        if fill > 0 {
+            let received = self.now();
+            self.core.on_robot(received, bytes.get(..fill).unwrap_or(&[]))?;
+            let ticked = self.now();
+            self.send_to_robot()?;
+            self.core.finish_cycle(ticked, self.now());
+        }
+        if closed { Err(self.core.on_robot_closed().into()) } else { Ok(()) }
+    }
+
+    fn send_to_robot(&mut self) -> Result<(), RtError> {
+        let mut out = [0; 512];
+        loop {
+            let count = self.core.to_robot(self.now(), &mut out);
+            if count == 0 {
+                return Ok(());
+            }
+            // A package is far smaller than the socket's buffer: when it does not fit whole, the robot has stopped reading.
+            match self.robot.write(out.get(..count).unwrap_or(&[])) {
+                Ok(written) if written == count => {}
+                _ => return Err(self.core.on_robot_closed().into()),
+            }
+        }
+    }
+
+    fn exchange_extruder(&mut self) {
+        let now = self.now();
+        let mut bytes = [0; 512];
+        match self.extruder.read(&mut bytes) {
+            Ok(count) => self.core.on_extruder(now, bytes.get(..count).unwrap_or(&[])),
+            // Unplugged: its silence becomes a fault in due time; until then there is nothing to wait for on it.
+            Err(_) => self.extruder_gone = true,
+        }
+        let mut out = [0; 256];
+        let count = self.core.to_extruder(now, &mut out);
+        if count > 0 {
+            // A line that does not take its bytes shows by the answers that do not come.
+            let _ = self.extruder.write(out.get(..count).unwrap_or(&[]));
+        }
+    }
+
+    /// Waits for any line, at most until the next deadline.
+    fn wait(&self) -> Result<(), RtError> {
+        let entry = |fd: RawFd| libc::pollfd { fd, events: libc::POLLIN, revents: 0 };
+        let extruder = if self.extruder_gone { -1 } else { self.extruder.descriptor() };
+        let mut lines = [entry(self.robot.as_raw_fd()), entry(self.host.fd()), entry(extruder)];
+        let until = self.core.deadline().map_or(100_000_000, |deadline| deadline.since(self.now()));
+        let milliseconds = until.div_ceil(1_000_000).min(100) as libc::c_int;
+        // SAFETY: the array outlives the call and its length is given.
+        let ready = unsafe { libc::poll(lines.as_mut_ptr(), lines.len() as libc::nfds_t, milliseconds) };
+        if ready < 0 {
+            let error = io::Error::last_os_error();
+            if error.kind() != ErrorKind::Interrupted {
+                return Err(RtError::Wait(error));
+            }
+        }
+        Ok(())
+    }
+
+    fn now(&self) -> Nanos {
+        Nanos(u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX))
+    }
+}
+
+fn is_wait(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted | ErrorKind::TimedOut)
+}

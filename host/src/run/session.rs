@@ -1,0 +1,256 @@
+//! One print from the host's side, apart from where its bytes and its time come from: plans when the robot is ready, asks,
+//! streams, shows progress, logs, and gives the account at the end. The timed print and virtual time both drive it.
+
+use crate::config::Cell;
+use crate::log::{CycleRecord as LogRecord, Flags, LogError, LogWriter};
+use crate::model::fim::FimModel;
+use crate::plan::moves::MoveKind;
+use crate::plan::route::Route;
+use crate::plan::stream::{Batches, Setpoint as Planned};
+use crate::plan::{Options as PlanOptions, Plan, PlanError};
+use crate::run::account::Account;
+use crate::run::job::{Job, JobError, Outcome, Phase};
+use crate::run::summary::Summary;
+use screed_kernel::frame::CycleRecord;
+use screed_kernel::units::{JointPos, Nanos, Tick};
+use std::sync::Arc;
+
+/// Why a print failed.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// It cannot be planned.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// It cannot go on.
+    #[error(transparent)]
+    Job(#[from] JobError),
+    /// The log cannot be written.
+    #[error(transparent)]
+    Log(#[from] LogError),
+}
+
+/// What a person asked for.
+#[derive(Clone, Debug, Default)]
+pub struct Wishes {
+    /// Which layers, and whether without flow.
+    pub plan: PlanOptions,
+    /// Stop on the path after so many seconds of motion.
+    pub stop_after: Option<f64>,
+}
+
+/// What is left to do for whoever drives the session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// Go on.
+    Running,
+    /// The plan is there: show the approach and ask; then [`Session::confirm`].
+    Confirm,
+    /// It is over.
+    Ended(Outcome),
+}
+
+/// One print.
+pub struct Session<'a> {
+    cell: &'a Cell,
+    model: &'a FimModel,
+    wishes: Wishes,
+    job: Job,
+    log: Option<LogWriter>,
+    log_error: Option<LogError>,
+    plan: Option<Arc<Plan>>,
+    /// Time at which motion began (s, the driver's clock).
+    began: Option<f64>,
+    /// The path setpoint commanded last.
+    at: Option<Planned>,
+}
+
+impl<'a> Session<'a> {
+    /// A session that attaches first.
+    pub fn new(cell: &'a Cell, model: &'a FimModel, wishes: Wishes, log: Option<LogWriter>) -> Self {
+        let job = Job::new(cell, Account::new(cell, &model.layers));
+        Self { cell, model, wishes, job, log, log_error: None, plan: None, began: None, at: None }
+    }
+
+    /// Bytes from the real-time process.
+    ///
+    /// # Errors
+    /// [`SessionError`].
+    pub fn handle_bytes(&mut self, bytes: &[u8]) -> Result<(), SessionError> {
+        let Self { job, log, log_error, at, .. } = self;
+        job.handle_bytes(bytes, &mut |record, planned| {
+            *at = planned.or(*at);
+            if let Some(log) = log
+                && log_error.is_none()
+            {
+                *log_error = log.push(&logged(record, at.as_ref())).err();
+            }
+        })?;
+        self.log_error.take().map_or(Ok(()), |error| Err(error.into()))
+    }
+
+    /// Bytes for the real-time process; the caller clears what it sent.
+    ///
+    /// # Errors
+    /// [`SessionError`].
+    pub fn poll_transmit(&mut self) -> Result<&mut Vec<u8>, SessionError> {
+        Ok(self.job.poll_transmit()?)
+    }
+
+    /// Looks where the job stands at `now` (s, any origin).
+    ///
+    /// # Errors
+    /// [`SessionError`].
+    pub fn step(&mut self, now: f64) -> Result<Step, SessionError> {
+        match self.job.phase() {
+            Phase::Ready(at) if self.plan.is_none() => {
+                self.plan = Some(Arc::new(Plan::new(self.model, self.cell, &self.wishes.plan, &at)?));
+                Ok(Step::Confirm)
+            }
+            Phase::Streaming => {
+                let began = *self.began.get_or_insert(now);
+                if self.wishes.stop_after.is_some_and(|limit| now - began >= limit) {
+                    self.job.stop();
+                }
+                Ok(Step::Running)
+            }
+            Phase::Ended(outcome) => Ok(Step::Ended(outcome)),
+            _ => Ok(Step::Running),
+        }
+    }
+
+    /// A person has seen the approach and says: move.
+    pub fn confirm(&mut self) {
+        if let Some(plan) = &self.plan {
+            self.job.begin(Batches::new(Arc::clone(plan)));
+        }
+    }
+
+    /// Comes to rest on the path.
+    pub fn stop(&mut self) {
+        self.job.stop();
+    }
+
+    /// The job.
+    pub fn job(&mut self) -> &mut Job {
+        &mut self.job
+    }
+
+    /// The plan, once there is one.
+    pub fn plan(&self) -> Option<&Plan> {
+        self.plan.as_deref()
+    }
+
+    /// Where the tool is on the path, and for how long it has been moving (s).
+    pub fn progress(&self, now: f64) -> Option<Progress> {
+        let plan = self.plan.as_ref()?;
+        let at = self.at?;
+        let total = plan.last_seq();
+        let left = f64::from(total.saturating_sub(at.seq)) * self.period();
+        Some(Progress {
+            layer: at.deposit.then_some(at.layer),
+            layers: layers(plan),
+            share: f64::from(at.seq) / f64::from(total.max(1)),
+            seconds_left: left,
+            seconds: self.began.map_or(0.0, |began| now - began),
+        })
+    }
+
+    /// Ends the log.
+    ///
+    /// # Errors
+    /// [`LogError`].
+    pub fn finish(&mut self) -> Result<(), LogError> {
+        self.log.take().map_or(Ok(()), LogWriter::finish)
+    }
+
+    fn period(&self) -> f64 {
+        1.0 / f64::from(self.cell.link.rate_hz)
+    }
+}
+
+impl Session<'_> {
+    /// The table at the end.
+    pub fn summary(&self, model: &str, outcome: &'static str) -> Summary {
+        let mut summary = Summary::of(self.cell, model);
+        summary.outcome = outcome;
+        if let Some((realtime, note)) = self.job.process() {
+            summary.scheduling = if realtime { "real time" } else { "NON-RT" };
+            summary.scheduling_note = note.to_owned();
+        }
+        if let Some(plan) = &self.plan {
+            let seconds = |periods: u32| f64::from(periods) * self.period();
+            let deposits = || plan.moves().iter().filter(|step| step.kind == MoveKind::Deposit);
+            summary.layers = layers(plan);
+            summary.path_length_m = deposits().map(|step| route_length(&step.route)).sum();
+            summary.layer_time_s = deposits().map(|step| seconds(step.periods)).sum();
+            summary.between_time_s = plan.moves().iter().map(|step| seconds(step.periods)).sum::<f64>();
+            summary.between_time_s -= summary.layer_time_s;
+            summary.planned = plan.last_seq();
+        }
+        summary.figures = self.job.account().figures.clone();
+        summary.hash = format!("{:016x}", self.job.account().hash());
+        summary
+    }
+}
+
+/// Positions in the model of the first layer of a plan and of the one behind its last.
+fn layers(plan: &Plan) -> (usize, usize) {
+    let mut deposits = plan.moves().iter().filter(|step| step.kind == MoveKind::Deposit);
+    let first = deposits.next().map_or(0, |step| step.layer);
+    (first, deposits.last().map_or(first, |step| step.layer) + 1)
+}
+
+fn route_length(route: &Route) -> f64 {
+    match route {
+        Route::Curves(curves) => curves.length(),
+        Route::Joints { .. } => 0.0,
+    }
+}
+
+/// A cycle as the log has it. While the robot is not ready nothing is commanded; the actual joints then stand in both places.
+fn logged(record: &CycleRecord, at: Option<&Planned>) -> LogRecord {
+    let joints = |values: &[f64]| <[f64; 6]>::try_from(values).map(JointPos);
+    let actual = joints(&record.actual).unwrap_or(JointPos::ZERO);
+    let mut flags = 0;
+    if record.deposit {
+        flags |= Flags::DEPOSIT.0;
+    }
+    if record.missed > 0 {
+        flags |= Flags::SKIPPED.0;
+    }
+    LogRecord {
+        tick: Tick(record.tick),
+        received: Nanos(record.received_ns),
+        ticked: Nanos(record.ticked_ns),
+        sent: Nanos(record.sent_ns),
+        robot_timestamp: record.robot_time,
+        seq: record.seq,
+        mode: record.mode as u8,
+        flags: Flags(flags),
+        layer: at.map_or(0, |at| u16::try_from(at.layer).unwrap_or(u16::MAX)),
+        rate: record.rate,
+        flow: record.flow,
+        commanded: joints(&record.commanded).unwrap_or(actual),
+        actual,
+    }
+}
+
+/// How far a print is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// The layer being printed, or printed last; `None` before the first.
+    pub layer: Option<usize>,
+    /// Layers of this print: first and one past the last index in the model.
+    pub layers: (usize, usize),
+    /// Share of the path's setpoints commanded.
+    pub share: f64,
+    /// Time that the rest of the path takes at 100 % (s).
+    pub seconds_left: f64,
+    /// Time since motion began (s).
+    pub seconds: f64,
+}
+
+/// Joint angles for a person.
+pub fn degrees(joints: &JointPos<6>) -> String {
+    joints.0.map(|q| format!("{:7.1}", q.to_degrees())).join(" ")
+}

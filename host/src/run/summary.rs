@@ -1,0 +1,107 @@
+//! The table at the end of a print, for people and as JSON.
+
+use crate::config::Cell;
+use crate::run::account::{Figures, Spread};
+use serde::Serialize;
+use std::fmt;
+
+/// All that is told at the end.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// The model's name.
+    pub model: String,
+    /// The cell's name.
+    pub cell: String,
+    /// The robot.
+    pub robot: String,
+    /// Setpoints a second.
+    pub rate_hz: u32,
+    /// "complete", "stopped" (after the time asked for) or "interrupted" (Ctrl-C).
+    pub outcome: &'static str,
+    /// "real time", "NON-RT" or "virtual time".
+    pub scheduling: &'static str,
+    /// Why not real time; empty otherwise.
+    pub scheduling_note: String,
+    /// First layer printed, and one past the last, as positions in the model.
+    pub layers: (usize, usize),
+    /// Length of the layers' curves (m).
+    pub path_length_m: f64,
+    /// Planned time on the layers (s).
+    pub layer_time_s: f64,
+    /// Planned time between layers, and of the approach (s).
+    pub between_time_s: f64,
+    /// Setpoints of the whole path.
+    pub planned: u32,
+    /// servoj's look-ahead (s), which causes the lag.
+    pub servoj_lookahead_s: f64,
+    /// The account.
+    #[serde(flatten)]
+    pub figures: Figures,
+    /// Fingerprint over sequence number, joints and flow of the path's setpoints as commanded.
+    pub hash: String,
+    /// The log.
+    pub log: Option<String>,
+}
+
+impl Summary {
+    /// The part of the head that only the cell knows.
+    pub fn of(cell: &Cell, model: &str) -> Self {
+        Self {
+            model: model.to_owned(),
+            cell: cell.name.clone(),
+            robot: cell.robot.model.clone(),
+            rate_hz: cell.link.rate_hz,
+            outcome: "",
+            scheduling: "",
+            scheduling_note: String::new(),
+            layers: (0, 0),
+            path_length_m: 0.0,
+            layer_time_s: 0.0,
+            between_time_s: 0.0,
+            planned: 0,
+            servoj_lookahead_s: cell.link.servoj_lookahead,
+            figures: Figures::default(),
+            hash: String::new(),
+            log: None,
+        }
+    }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { figures, .. } = self;
+        let mut row = |name: &str, value: &str| writeln!(f, "  {name:<44} {value}");
+        row("model", &format!("{}, layers {} to {}", self.model, self.layers.0, self.layers.1.saturating_sub(1)))?;
+        row("robot", &format!("{} in cell {}, {} Hz", self.robot, self.cell, self.rate_hz))?;
+        row("scheduling", self.scheduling)?;
+        if !self.scheduling_note.is_empty() {
+            row("", &self.scheduling_note)?;
+        }
+        row("outcome", self.outcome)?;
+        row("path on the layers", &format!("{:.3} m in {:.2} s", self.path_length_m, self.layer_time_s))?;
+        row("approach and between layers", &format!("{:.2} s", self.between_time_s))?;
+        row("volume", &format!("{:.3} l", figures.volume_m3 * 1e3))?;
+        row("waypoints planned / sent", &format!("{} / {}", self.planned, figures.sent))?;
+        row("waypoints doubled / skipped", &format!("{} / {}", figures.doubled, figures.skipped))?;
+        let stalls = format!("{} of {}, longest {:.1} ms", figures.stalls, figures.cycles, figures.stall_max_s * 1e3);
+        row("cycles this machine began late", &stalls)?;
+        row("commanded path against the IFC curves", &spread(&figures.commanded_contour))?;
+        let lag = format!("actual against commanded (look-ahead {} s)", self.servoj_lookahead_s);
+        row(&lag, &spread(&figures.following))?;
+        row("actual path against the IFC curves", &spread(&figures.actual_contour))?;
+        row("setpoint hash", &self.hash)?;
+        if let Some(log) = &self.log {
+            row("log", log)?;
+        }
+        Ok(())
+    }
+}
+
+/// Largest and root-mean-square value in the unit that suits them.
+fn spread(spread: &Spread) -> String {
+    match (spread.max(), spread.rms()) {
+        (Some(max), Some(rms)) if max < 1e-4 => format!("max {:.4} µm, rms {:.4} µm", max * 1e6, rms * 1e6),
+        (Some(max), Some(rms)) => format!("max {:.3} mm, rms {:.3} mm", max * 1e3, rms * 1e3),
+        _ => "not measured".to_owned(),
+    }
+}

@@ -1,1 +1,0 @@
-//! What the whole-flow tests share.
