@@ -4,15 +4,18 @@ pub mod args;
 mod check;
 mod demo;
 mod log;
+mod plan;
 mod print;
 mod sim;
 
 use crate::failure::{Exit, Failure};
+use crate::model::fim::{self, FimModel};
 use crate::run::children::VERSION;
 use crate::run::rt::{self, RtArgs};
-use args::{CheckArgs, DemoArgs, LogArgs, PrintArgs, SimCommand};
+use args::{CheckArgs, DemoArgs, LogArgs, PlanArgs, PrintArgs, SimCommand};
 use clap::{Parser, Subcommand};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Turns a FIM IFC model into the motion of a robot that prints it.
@@ -30,6 +33,8 @@ struct Cli {
 enum Command {
     /// Show it working: a simulated UR10e and extruder print a wall
     Demo(DemoArgs),
+    /// Plan a FIM model: layers, lengths, times, volumes, limits
+    Plan(PlanArgs),
     /// Print a FIM model on the robot of a cell
     Print(PrintArgs),
     /// Say whether a cell file or a model is sound, and what was looked at
@@ -63,6 +68,7 @@ pub fn main() -> ExitCode {
 fn run(command: &Command) -> Result<(), Failure> {
     match command {
         Command::Demo(args) => demo::run(args),
+        Command::Plan(args) => plan::run(args),
         Command::Print(args) => print::run(args),
         Command::Rt(args) => Ok(rt::run(args)?),
         Command::Check(args) => check::run(args),
@@ -97,8 +103,36 @@ pub fn rt_main() -> ExitCode {
 
 /// Says once what failed; the exit code is its class. Whoever started this process may have gone.
 fn tell(failure: &Failure) -> ExitCode {
-    let _ = writeln!(std::io::stderr(), "{failure}");
+    if !failure.problems.is_empty() {
+        let _ = writeln!(std::io::stderr(), "{failure}");
+    }
     failure.exit.into()
+}
+
+/// Writes to standard output; a reader that has had enough (`| head`) is no failure.
+fn say(text: &str) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            let message = format!("standard output cannot be written: {error}");
+            Err(Failure::new(Exit::Failed, message, "send it to a place with room"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// A model and the bytes it was read from.
+fn read_model(path: &Path) -> Result<(FimModel, Vec<u8>), Failure> {
+    let name = path.to_string_lossy();
+    let bytes = std::fs::read(path).map_err(|error| {
+        Failure::new(
+            Exit::Input,
+            format!("cannot read the model {name}: {error}"),
+            "check the path and the permissions",
+        )
+    })?;
+    let model = fim::parse(&name, &bytes).map_err(|error| error.into_failure(&name, &bytes))?;
+    Ok((model, bytes))
 }
 
 #[cfg(test)]

@@ -70,12 +70,8 @@ pub fn tcp(q: &[f64; 6], tool: f64) -> [f64; 3] {
         let (s, c) = q[j].sin_cos();
         let (sa, ca) = (QUARTERS[j], if QUARTERS[j] == 0.0 { 1.0 } else { 0.0 });
         let d = if j == 5 { D[j] + tool } else { D[j] };
-        let link = [
-            [c, -s * ca, s * sa, A[j] * c],
-            [s, c * ca, -c * sa, A[j] * s],
-            [0.0, sa, ca, d],
-            [0.0, 0.0, 0.0, 1.0],
-        ];
+        let link =
+            [[c, -s * ca, s * sa, A[j] * c], [s, c * ca, -c * sa, A[j] * s], [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]];
         t = std::array::from_fn(|r| std::array::from_fn(|k| (0..4).map(|i| t[r][i] * link[i][k]).sum()));
     }
     [t[0][3], t[1][3], t[2][3]]
@@ -124,9 +120,9 @@ pub fn judge(setpoints: &[[f64; 6]], period: f64, limits: &Limits) {
         assert!(acceleration <= limits.acceleration, "setpoint {k}: {acceleration} m/s²");
     }
     for (k, w) in setpoints.windows(2).enumerate() {
-        for j in 0..6 {
+        for (j, limit) in limits.joint_velocity.iter().enumerate() {
             let speed = (w[1][j] - w[0][j]).abs() / period;
-            assert!(speed <= limits.joint_velocity[j], "setpoint {k}, joint {j}: {speed} rad/s");
+            assert!(speed <= *limit, "setpoint {k}, joint {j}: {speed} rad/s");
         }
     }
 }

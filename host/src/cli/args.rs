@@ -48,6 +48,15 @@ pub struct PlanArgs {
     /// The cell file; without it, the demo's cell
     #[arg(long, value_name = "FILE.toml")]
     pub cell: Option<PathBuf>,
+    /// Setpoints a second in the demo's cell: 125 or 500
+    #[arg(long, value_name = "HZ", default_value_t = 125, value_parser = rate, conflicts_with = "cell")]
+    pub rate: u32,
+    /// Begin with this layer; the first is 0. It is the one drawn
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub from_layer: usize,
+    /// How many layers; without it, all that are left
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    pub layers: Option<usize>,
     /// Write the plan as CSV or JSON, by the file's ending
     #[arg(long, value_name = "FILE", value_parser = table)]
     pub out: Option<PathBuf>,
@@ -133,6 +142,9 @@ pub struct CheckArgs {
     /// A cell file (.toml) or a FIM model (.ifc)
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
+    /// Whether the model can be printed in this cell
+    #[arg(long, value_name = "FILE.toml")]
+    pub cell: Option<PathBuf>,
 }
 
 /// `screed log`

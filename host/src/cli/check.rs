@@ -1,23 +1,27 @@
 //! `screed check`: says whether a file is sound, and what was looked at to say so.
 
 use super::args::CheckArgs;
+use super::{read_model, say};
 use crate::config::{self, Cell};
-use crate::failure::{Excerpt, Exit, Failure, Problem};
-use crate::model::ModelError;
-use crate::model::fim::{self, FimModel};
-use std::path::Path;
+use crate::failure::{Exit, Failure};
+use crate::model::fim::{FimModel, Layer};
+use crate::plan::{Options, Plan};
 
 /// Looks at a cell file or a model, by the file's ending.
 pub fn run(args: &CheckArgs) -> Result<(), Failure> {
     let ending = args.file.extension().map(|ending| ending.to_ascii_lowercase());
     match ending.as_ref().and_then(|ending| ending.to_str()) {
         Some("toml") => {
-            print!("{}", describe_cell(&config::load(&args.file)?));
-            Ok(())
+            if args.cell.is_some() {
+                let message = "--cell goes with a model: expected a file that ends with .ifc";
+                return Err(Failure::new(Exit::Usage, message, "leave --cell out, or give a FIM model to check"));
+            }
+            say(&describe_cell(&config::load(&args.file)?))
         }
         Some("ifc") => {
-            print!("{}", describe_model(&read_model(&args.file)?));
-            Ok(())
+            let (model, _) = read_model(&args.file)?;
+            say(&describe_model(&model))?;
+            args.cell.as_deref().map_or(Ok(()), |cell| check_plan(&model, &config::load(cell)?))
         }
         _ => {
             let message = format!("{}: expected a file that ends with .toml or .ifc", args.file.display());
@@ -26,23 +30,17 @@ pub fn run(args: &CheckArgs) -> Result<(), Failure> {
     }
 }
 
-/// Reads a model; a failure shows the line that is to blame.
-///
-/// # Errors
-/// An input [`Failure`].
-pub fn read_model(path: &Path) -> Result<FimModel, Failure> {
-    let name = path.display().to_string();
-    let text = std::fs::read(path).map_err(|source| ModelError::Unreadable { file: name.clone(), source })?;
-    fim::parse(&name, &text).map_err(|error| {
-        let excerpt = error.location().map(|(_, _, span)| Excerpt::new(&name, &text, span));
-        Failure { exit: Exit::Input, problems: vec![Problem { message: error.to_string(), excerpt, remedy: None }] }
-    })
-}
-
-impl From<ModelError> for Failure {
-    fn from(error: ModelError) -> Self {
-        Self::told(Exit::Input, error.to_string())
-    }
+/// Plans the whole model from the cell's start joints: reach, joint limits, layer times, flow.
+fn check_plan(model: &FimModel, cell: &Cell) -> Result<(), Failure> {
+    let plan = Plan::new(model, cell, &Options::default(), &cell.robot.start)?;
+    let minutes = f64::from(plan.last_seq()) / plan.rate() / 60.0;
+    say(&format!(
+        "in cell {}: sound\nverified: each of {} setpoints is within reach, joint limits, layer time and flow; it takes {:.1} \
+         minutes.\n",
+        cell.name,
+        plan.last_seq(),
+        minutes
+    ))
 }
 
 fn describe_cell(cell: &Cell) -> String {
@@ -105,20 +103,21 @@ fn describe_model(model: &FimModel) -> String {
             process.filament_width * 1e3,
         );
     }
-    let length: f64 = model.layers.iter().map(fim::Layer::length).sum();
+    let length: f64 = model.layers.iter().map(Layer::length).sum();
     let time: f64 = model.layers.iter().map(|layer| layer.process.layer_time).sum();
     text += &format!("  {} layers, {length:.4} m, {time:.1} s\n", model.layers.len());
     text + "verified: the file is whole; units, placements and process parameters are there; every segment is supported and \
            joins the one before; lengths agree with those the file declares.\n\
-           not verified: whether it is within reach and limits of a robot (screed plan does that).\n"
+           not verified here: reach and limits of a robot (--cell FILE.toml does that).\n"
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
 
     fn check(file: &Path) -> Result<(), Failure> {
-        run(&CheckArgs { file: file.to_owned() })
+        run(&CheckArgs { file: file.to_owned(), cell: None })
     }
 
     #[test]
@@ -130,7 +129,8 @@ mod tests {
         let cell = Cell::demo(500).unwrap_or_else(|error| panic!("{error}"));
         let text = describe_cell(&cell);
         assert!(text.contains("RTDE to 127.0.0.1:30004 at 500 Hz") && text.contains("at most 100000 mm³/s"), "{text}");
-        let model = read_model(&fixtures.join("data/FIM_fixture_IFC4.ifc")).unwrap_or_else(|error| panic!("{error}"));
+        let (model, _) =
+            read_model(&fixtures.join("data/FIM_fixture_IFC4.ifc")).unwrap_or_else(|error| panic!("{error}"));
         // The length that an independent computation gives (8.983187172 m).
         assert!(describe_model(&model).contains(" 8.9832 "), "{}", describe_model(&model));
     }

@@ -1,16 +1,15 @@
 //! `screed print`
 
 use super::args::PrintArgs;
+use super::{read_model, say};
 use crate::config;
 use crate::failure::{Exit, Failure, Problem};
-use crate::model::fim::{self, FimModel};
 use crate::plan::Options;
 use crate::run::print::{self, Print};
 use crate::run::session::Wishes;
 use crate::run::summary::Summary;
 use crate::run::virtual_time::{self, Virtual};
 use crate::run::{children, demo, signal};
-use std::path::Path;
 
 /// Prints, and says how it went.
 pub fn run(args: &PrintArgs) -> Result<(), Failure> {
@@ -48,24 +47,14 @@ pub fn run(args: &PrintArgs) -> Result<(), Failure> {
     report(&print::run(&print, print::attach(&socket, start)?)?, args.json)
 }
 
-/// A model and the bytes it was read from.
-pub fn read_model(path: &Path) -> Result<(FimModel, Vec<u8>), Failure> {
-    let name = path.to_string_lossy();
-    let bytes = std::fs::read(path).map_err(|error| {
-        Failure::new(Exit::Input, format!("cannot read the model {name}: {error}"), "check the path and the permissions")
-    })?;
-    let model = fim::parse(&name, &bytes).map_err(|error| error.into_failure(&name, &bytes))?;
-    Ok((model, bytes))
-}
-
 /// The table, or JSON, on standard output. A print that a person interrupted is told as such to the shell.
 pub fn report(summary: &Summary, json: bool) -> Result<(), Failure> {
     if json {
         let text = serde_json::to_string_pretty(summary)
             .map_err(|error| Failure::new(Exit::Failed, error.to_string(), "report this"))?;
-        println!("{text}");
+        say(&(text + "\n"))?;
     } else {
-        print!("{summary}");
+        say(&summary.to_string())?;
     }
     if summary.outcome == "interrupted" {
         return Err(Failure { exit: Exit::Interrupted, problems: Vec::<Problem>::new() });

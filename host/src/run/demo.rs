@@ -8,9 +8,9 @@ use crate::plan::Options as PlanOptions;
 use crate::run::children::{self, Process};
 use crate::run::print::{self, Print};
 use crate::run::session::Wishes;
+use crate::run::signal;
 use crate::run::summary::Summary;
 use crate::run::virtual_time::{self, Virtual};
-use crate::run::signal;
 use crate::sim::line::LineFault;
 use screed_fixtures::{QuarterCircle, quarter_circle};
 use std::fs;
@@ -161,4 +161,3 @@ fn announced(line: &str, key: &str) -> Result<String, Failure> {
 fn unreadable(path: &Path, error: &std::io::Error) -> Failure {
     Failure::new(Exit::Failed, format!("{}: {error}", path.display()), "choose a file and folder that can be used")
 }
-

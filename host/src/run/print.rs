@@ -122,7 +122,7 @@ pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
         }
     }
     let outcome = result?;
-    let mut summary = session.summary(&print.source.0.to_owned(), outcome);
+    let mut summary = session.summary(print.source.0, outcome);
     summary.log = print.log.as_ref().map(|path| path.display().to_string());
     Ok(summary)
 }
@@ -243,7 +243,11 @@ impl Driver {
         let Some(progress) = session.progress(self.started.elapsed().as_secs_f64()) else { return };
         self.shown = Some(Instant::now());
         let line = progress_line(session, &progress);
-        if self.terminal { eprint!("\r\x1b[K{line}") } else { eprintln!("{line}") }
+        if self.terminal {
+            eprint!("\r\x1b[K{line}")
+        } else {
+            eprintln!("{line}")
+        }
         let _ = io::stderr().flush();
     }
 
@@ -286,9 +290,7 @@ impl From<SessionError> for Failure {
                 let (exit, remedy) = match &error {
                     JobError::Fault(report) => (Exit::SafetyStop, report.fault.action()),
                     JobError::Link(_) => (Exit::Link, "mend the link and start again; nothing moves by itself"),
-                    JobError::Underrun { .. } => {
-                        (Exit::Failed, "run on a quieter machine; go on with --from-layer")
-                    }
+                    JobError::Underrun { .. } => (Exit::Failed, "run on a quieter machine; go on with --from-layer"),
                     _ => (Exit::Failed, "start screed and screed-rt of the same build; report this if they are"),
                 };
                 Self::new(exit, error.to_string(), remedy)

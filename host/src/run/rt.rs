@@ -46,7 +46,9 @@ pub enum RtError {
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// Nobody answers at the robot's address.
-    #[error("the robot at {address} does not answer: {source}; check address and port in [link] of the cell file, and that the controller is on")]
+    #[error(
+        "the robot at {address} does not answer: {source}; check address and port in [link] of the cell file, and that the controller is on"
+    )]
     Robot {
         /// Where.
         address: String,
@@ -104,7 +106,8 @@ pub fn run(args: &RtArgs) -> Result<(), RtError> {
     let extruder = open_extruder(&cell, args)?;
     let robot = connect(&cell, args)?;
     let host = HostSide::listen(&args.socket)?;
-    let result = Process { core, robot, extruder, extruder_gone: false, host, start: Instant::now() }.serve(args.exit_when_idle);
+    let result =
+        Process { core, robot, extruder, extruder_gone: false, host, start: Instant::now() }.serve(args.exit_when_idle);
     let _ = fs::remove_file(&args.socket);
     result
 }

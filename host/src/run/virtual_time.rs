@@ -73,10 +73,7 @@ impl World {
     ///
     /// # Errors
     /// [`VirtualError`].
-    pub fn step(
-        &mut self,
-        session: &mut Session<'_>,
-    ) -> Result<Step, VirtualError> {
+    pub fn step(&mut self, session: &mut Session<'_>) -> Result<Step, VirtualError> {
         self.now = self.now.plus(CYCLE_NS);
         self.controller.step();
         let link = self.exchange_robot();
