@@ -9,9 +9,9 @@ use crate::run::children::{self, Process};
 use crate::run::job::Outcome;
 use crate::run::print::{self, Print};
 use crate::run::session::{Session, Wishes};
+use crate::run::signal;
 use crate::run::summary::Summary;
 use crate::run::virtual_time::{self, VirtualError, World};
-use crate::run::signal;
 use crate::sim::extruder::{Extruder, TIME_CONSTANT};
 use crate::sim::line::LineFault;
 use crate::sim::ur::record::Record;
@@ -235,4 +235,3 @@ impl From<VirtualError> for Failure {
         }
     }
 }
-

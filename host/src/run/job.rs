@@ -2,8 +2,8 @@
 //! starts it when told to, and sees it to the end. Frames in, frames out; no clock, no socket.
 
 use crate::config::Cell;
-use crate::plan::{Plan, PlanError};
 use crate::plan::stream::{Batch, Batches, Setpoint as Planned};
+use crate::plan::{Plan, PlanError};
 use crate::run::account::Account;
 use screed_kernel::frame::{
     self, BatchPart, CODE_MAX, Configure, CycleRecord, FaultReport, FrameError, FromKernel, ModeCode, Reader, Refusal,

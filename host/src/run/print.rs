@@ -238,7 +238,11 @@ impl Driver {
         let Some(progress) = session.progress(self.started.elapsed().as_secs_f64()) else { return };
         self.shown = Some(Instant::now());
         let line = progress_line(session, &progress);
-        if self.terminal { eprint!("\r\x1b[K{line}") } else { eprintln!("{line}") }
+        if self.terminal {
+            eprint!("\r\x1b[K{line}")
+        } else {
+            eprintln!("{line}")
+        }
         let _ = io::stderr().flush();
     }
 
@@ -281,9 +285,7 @@ impl From<SessionError> for Failure {
                 let (exit, remedy) = match &error {
                     JobError::Fault(report) => (Exit::SafetyStop, report.fault.action()),
                     JobError::Link(_) => (Exit::Link, "mend the link and start again; nothing moves by itself"),
-                    JobError::Underrun { .. } => {
-                        (Exit::Failed, "run on a quieter machine; go on with --from-layer")
-                    }
+                    JobError::Underrun { .. } => (Exit::Failed, "run on a quieter machine; go on with --from-layer"),
                     _ => (Exit::Failed, "start screed and screed-rt of the same build; report this if they are"),
                 };
                 Self::new(exit, error.to_string(), remedy)

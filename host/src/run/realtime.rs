@@ -18,7 +18,8 @@ pub fn enter(wanted: &Realtime) -> Scheduling {
     if let Some(cpu) = wanted.cpu
         && let Err(error) = bind(cpu)
     {
-        refused.push(format!("binding to processor {cpu} was refused ({error}): name one that exists in [realtime] cpu"));
+        refused
+            .push(format!("binding to processor {cpu} was refused ({error}): name one that exists in [realtime] cpu"));
     }
     // SAFETY: no pointers; locks this process's own pages.
     if unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) } != 0 {

@@ -89,7 +89,8 @@ pub fn run(args: &RtArgs) -> Result<(), RtError> {
     let extruder = open_extruder(&cell, args)?;
     let robot = connect(&cell, args)?;
     let host = HostSide::listen(&args.socket)?;
-    let result = Process { core, robot, extruder, extruder_gone: false, host, start: Instant::now() }.serve(args.exit_when_idle);
+    let result =
+        Process { core, robot, extruder, extruder_gone: false, host, start: Instant::now() }.serve(args.exit_when_idle);
     let _ = fs::remove_file(&args.socket);
     result
 }

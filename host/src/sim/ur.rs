@@ -61,7 +61,9 @@ pub enum ControllerError {
         known: &'static str,
     },
     /// A start that the arm cannot have.
-    #[error("start position of joint {joint}, {value} rad, is outside the arm's range of {min} to {max} rad; choose another start")]
+    #[error(
+        "start position of joint {joint}, {value} rad, is outside the arm's range of {min} to {max} rad; choose another start"
+    )]
     StartOutOfRange {
         /// Which joint (0 is the base).
         joint: usize,
