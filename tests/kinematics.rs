@@ -1,12 +1,14 @@
 //! The UR10e's kinematics against figures that pinocchio computed from the published description
 //! (`fixtures/data/kinematics/ur10e.json`, which names its origin), and the inverse against the forward.
 
+mod common;
+
+use common::Random;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::ik::{IkError, ur};
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
-use screed_tests::Random;
 use serde_json::Value;
 use std::f64::consts::PI;
 

@@ -59,9 +59,9 @@ impl Failure {
 }
 
 impl Failure {
-    /// From an error whose text ends with its remedy, behind the last semicolon.
-    pub fn told(exit: Exit, error: &dyn std::error::Error) -> Self {
-        let text = error.to_string();
+    /// From an error's text; behind its last semicolon stands the remedy.
+    pub fn told(exit: Exit, text: impl Into<String>) -> Self {
+        let text = text.into();
         let (message, remedy) = match text.rsplit_once("; ") {
             Some((message, remedy)) => (message.to_owned(), Some(remedy.to_owned())),
             None => (text, None),

@@ -383,7 +383,11 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     fn batch(&mut self, part: &BatchPart) {
         match self.take_part(part) {
             Ok(false) => {}
-            Ok(true) => self.say(&FromKernel::Accepted { batch: part.batch }),
+            Ok(true) => {
+                self.say(&FromKernel::Accepted { batch: part.batch });
+                // The credits have changed.
+                self.said = None;
+            }
             Err(reason) => {
                 self.drop_incoming();
                 self.say(&FromKernel::Refused { batch: part.batch, reason });

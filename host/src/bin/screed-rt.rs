@@ -1,3 +1,7 @@
-//! The command line of Screed.
+//! The real-time process of Screed.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    screed::cli::rt_main()
+}

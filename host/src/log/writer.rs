@@ -39,7 +39,7 @@ impl LogWriter {
         Ok(Self { path: path.to_owned(), file, records, block, index: 0 })
     }
 
-    /// Adds a record; every [`BLOCK_RECORDS`]-th call writes a block.
+    /// Adds a record; every 64th call writes a block.
     ///
     /// # Errors
     /// [`LogError::Io`].

@@ -110,7 +110,7 @@ pub enum ModelError {
         entity: Box<Entity>,
         /// What role it plays: segment, placement, unit.
         what: &'static str,
-        /// " in '<name>'" where a named element owns it, else empty.
+        /// " in 'NAME'" where an element of that name owns it, else empty.
         of: String,
         /// Types that are supported.
         instead: &'static str,
@@ -289,7 +289,7 @@ impl ModelError {
 impl ModelError {
     /// What a person is told; `source` is the file's text, for the lines that are to blame.
     pub fn into_failure(self, file: &str, source: &[u8]) -> Failure {
-        let failure = Failure::told(Exit::Input, &self);
+        let failure = Failure::told(Exit::Input, self.to_string());
         match self.location() {
             Some((_, _, span)) => failure.at(Excerpt::new(file, source, span)),
             None => failure,

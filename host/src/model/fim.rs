@@ -95,7 +95,7 @@ pub fn parse(name: &str, text: &[u8]) -> Result<FimModel, ModelError> {
         found.push(reader.layer(&wall.open(id)?)?);
     }
     Ok(FimModel {
-        schema: file.schemas()?.join(", "),
+        schema: file.schemas().join(", "),
         name: display_name(&wall)?,
         wall_guid: wall.text(0, "GlobalId")?,
         site_from_part: reader.site_from_part,
@@ -272,12 +272,15 @@ impl<'f> Reader<'_, 'f> {
         let process = Process::read(record, &name, &own, &self.defaults, self.units)?;
         let part_from_layer = match record.follow_if_given(5, "ObjectPlacement")? {
             Some(local) => outer_from_local(&local, self.placement, &self.site_from_part, self.units.length)?,
+            // Without a placement of its own it lies in the site's coordinates.
             None => self.site_from_part.inverse(),
         };
         let segments: Vec<_> = pieces.iter().map(|piece| piece.segment.transformed(&part_from_layer)).collect();
-        let height = segments.first().map(|segment| segment.start().z).filter(|height| height.is_finite());
-        let height =
-            height.ok_or_else(|| record.impossible("the path lies outside all numbers; check the placements"))?;
+        let is_finite = |segment: &Segment| (segment.start().coords + segment.end().coords).norm().is_finite();
+        let height = match segments.first() {
+            Some(first) if segments.iter().all(is_finite) => first.start().z,
+            _ => return Err(record.impossible("the path lies beyond all numbers; check points and placements")),
+        };
         let declared_index = own.index()?;
         let layer = Layer { index: 0, name, guid: record.text(0, "GlobalId")?, entity: record.id(), segments, process };
         Ok(Found { record: record.open(record.id())?, layer, declared_index, height })

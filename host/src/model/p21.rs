@@ -86,13 +86,15 @@ impl<'a> File<'a> {
         self.name
     }
 
-    /// The schema names of the header's `FILE_SCHEMA`; empty when the header has none.
-    pub fn schemas(&self) -> Result<Vec<String>, ModelError> {
+    /// The schema names of the header's `FILE_SCHEMA`; empty when the header has none that can be read, as it decides
+    /// nothing.
+    pub fn schemas(&self) -> Vec<String> {
         let Some(instance) = self.header.iter().find(|instance| self.keyword(instance) == "FILE_SCHEMA") else {
-            return Ok(Vec::new());
+            return Vec::new();
         };
-        let record = self.record_of(instance)?;
-        record.list(0, "schema_identifiers")?.iter().map(|value| record.decode(value, "schema_identifiers")).collect()
+        let Ok(record) = self.record_of(instance) else { return Vec::new() };
+        let names = record.list(0, "schema_identifiers").unwrap_or_default();
+        names.iter().filter_map(|name| record.decode(name, "schema_identifiers").ok()).collect()
     }
 
     /// All entities of the data sections, in order of their numbers.
@@ -181,7 +183,7 @@ impl<'a> File<'a> {
         if lexer.word() != "ISO-10303-21" {
             return Err(lexer.not_part_21());
         }
-        lexer.end_of_statement("the first line")?;
+        lexer.end_of_statement()?;
         loop {
             lexer.blank()?;
             at = lexer.at;
@@ -199,7 +201,7 @@ impl<'a> File<'a> {
                     section = Section::Data;
                     lexer.blank()?;
                     if lexer.peek() == Some(b'(') {
-                        lexer.skip_arguments("the DATA statement")?;
+                        lexer.skip_arguments()?;
                     }
                 }
                 "ANCHOR" | "REFERENCE" | "SIGNATURE" => {
@@ -208,14 +210,14 @@ impl<'a> File<'a> {
                 }
                 "ENDSEC" => section = Section::None,
                 "END-ISO-10303-21" => {
-                    lexer.end_of_statement("END-ISO-10303-21")?;
+                    lexer.end_of_statement()?;
                     break;
                 }
                 word if section == Section::Header && !word.is_empty() => {
                     let keyword = at..lexer.at;
                     lexer.blank()?;
-                    lexer.skip_arguments("the header")?;
-                    lexer.end_of_statement("the header")?;
+                    lexer.skip_arguments()?;
+                    lexer.end_of_statement()?;
                     header.push(Instance { id: 0, span: at..lexer.at, keyword });
                     continue;
                 }
@@ -224,7 +226,7 @@ impl<'a> File<'a> {
                 }
                 _ => return Err(lexer.unexpected(at, "an entity '#…=' of a DATA section or a section's begin or end")),
             }
-            lexer.end_of_statement("a section's begin or end")?;
+            lexer.end_of_statement()?;
         }
         self.header = header;
         self.instances = instances;

@@ -192,6 +192,6 @@ fn remedy(found: f64, limit: f64) -> &'static str {
 
 impl From<PlanError> for crate::failure::Failure {
     fn from(error: PlanError) -> Self {
-        Self::told(crate::failure::Exit::Input, &error)
+        Self::told(crate::failure::Exit::Input, error.to_string())
     }
 }

@@ -10,8 +10,8 @@ use screed_kernel::tick::{Kernel, Sensors};
 use screed_kernel::units::Nanos;
 use std::fmt::Display;
 
-/// Setpoints the ring holds: 16 s at 500 Hz.
-pub const RING: usize = 8192;
+/// Setpoints the ring holds: 8 s at 500 Hz.
+pub const RING: usize = 4096;
 
 /// Room for telemetry while the host is busy; what does not fit is dropped and counted.
 const TELEMETRY_MAX: usize = 1 << 20;
@@ -35,7 +35,7 @@ pub enum CoreError {
 
 /// The real-time process as a state machine.
 pub struct Core {
-    kernel: Kernel<6, RING>,
+    kernel: Box<Kernel<6, RING>>,
     robot: RtdeClient,
     extruder: ExtruderLine,
     /// Bytes for the host that are not on the wire yet.
@@ -59,7 +59,7 @@ impl Core {
         let timeout_ns = (cell.link.timeout * 1e9) as u64;
         let robot = RtdeClient::new(&cell.robot.arm, cell.link.rate_hz, cell.link.register_offset, timeout_ns)?;
         Ok(Self {
-            kernel: Kernel::new(),
+            kernel: Box::default(),
             robot,
             extruder: ExtruderLine::new(cell.extruder.flow_max, timeout_ns)?,
             telemetry: Vec::with_capacity(TELEMETRY_MAX),

@@ -6,21 +6,16 @@ use crate::link::rtde::program::{Program, WatchdogAction};
 use crate::model::fim;
 use crate::plan::Options as PlanOptions;
 use crate::run::children::{self, Process};
-use crate::run::job::Outcome;
 use crate::run::print::{self, Print};
-use crate::run::session::{Session, Wishes};
+use crate::run::session::Wishes;
 use crate::run::signal;
 use crate::run::summary::Summary;
-use crate::run::virtual_time::{self, VirtualError, World};
-use crate::sim::extruder::{Extruder, TIME_CONSTANT};
+use crate::run::virtual_time::{self, Virtual};
 use crate::sim::line::LineFault;
-use crate::sim::ur::record::Record;
-use crate::sim::ur::{Controller, Options as ControllerOptions};
 use screed_fixtures::{QuarterCircle, quarter_circle};
 use std::fs;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// The demo's model, as it is called in reports.
 const MODEL_NAME: &str = "quarter-circle.ifc";
@@ -71,13 +66,18 @@ impl Demo {
             log: self.log.clone(),
             source: (MODEL_NAME, text.as_bytes()),
             yes: true,
+            quiet: self.quiet,
         };
-        if self.fast { self.fast(&print, program) } else { self.timed(&print, &program) }
+        if !self.fast {
+            return self.timed(&print, &program);
+        }
+        let world = Virtual { program, fault: self.line_fault, record: self.record.clone(), quiet: self.quiet };
+        virtual_time::print(&print, world)
     }
 
     /// Every part in a process of its own.
     fn timed(&self, print: &Print<'_>, program: &str) -> Result<Summary, Failure> {
-        catch_signals()?;
+        signal::catch_stop()?;
         let folder = Folder::new()?;
         let program_file = folder.0.join("robot.script");
         fs::write(&program_file, program).map_err(|error| unreadable(&program_file, &error))?;
@@ -105,61 +105,6 @@ impl Demo {
         // In this order: the robot's client has gone, then the simulated machines.
         drop((robot, extruder));
         summary
-    }
-
-    /// One thread, virtual time.
-    fn fast(&self, print: &Print<'_>, program: String) -> Result<Summary, Failure> {
-        catch_signals()?;
-        let cell = print.cell;
-        let options = ControllerOptions {
-            start_q: cell.robot.start,
-            flange_from_tcp: cell.tool.flange_from_tcp,
-            register_offset: cell.link.register_offset,
-            program,
-            autoplay: true,
-        };
-        let controller = Controller::new(&cell.robot.model, options)
-            .map_err(|error| Failure::new(Exit::Input, error.to_string(), "choose a robot that is simulated"))?;
-        let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT)?;
-        let mut world = World::new(cell, controller, extruder, self.line_fault).map_err(VirtualError::from)?;
-        let mut record = self.record.as_deref().map(Record::create).transpose()?;
-        let mut record_error = None;
-        let log = print::open_log(cell, print)?;
-        let mut session = Session::new(cell, print.model, print.wishes.clone(), log);
-        let mut interrupted = false;
-        let result = virtual_time::play(
-            &mut world,
-            &mut session,
-            &mut |cycle| {
-                if let Some(record) = &mut record {
-                    record_error = record_error.take().or(record.row(cycle, Duration::ZERO).err());
-                }
-            },
-            |session, seconds| {
-                if signal::stop_requested() && !interrupted {
-                    interrupted = true;
-                    session.stop();
-                }
-                if !self.quiet
-                    && seconds.rem_euclid(60.0) < 0.5
-                    && let Some(progress) = session.progress(seconds)
-                {
-                    eprintln!("{}", print::progress_line(session, &progress));
-                }
-            },
-        );
-        session.finish()?;
-        let outcome = match result? {
-            Outcome::Complete => "complete",
-            Outcome::Stopped if interrupted => "interrupted",
-            Outcome::Stopped => "stopped",
-        };
-        record_error.map_or(Ok(()), Err)?;
-        record.as_mut().map_or(Ok(()), Record::finish)?;
-        let mut summary = session.summary(print.source.0, outcome);
-        "virtual time".clone_into(&mut summary.scheduling_note);
-        summary.log = print.log.as_ref().map(|path| path.display().to_string());
-        Ok(summary)
     }
 }
 
@@ -205,13 +150,6 @@ impl Drop for Folder {
     }
 }
 
-fn catch_signals() -> Result<(), Failure> {
-    let fail = |error: std::io::Error| {
-        Failure::new(Exit::Failed, format!("Ctrl-C cannot be caught: {error}"), "run it where signals can be handled")
-    };
-    signal::catch_stop().map_err(fail)
-}
-
 fn announced(line: &str, key: &str) -> Result<String, Failure> {
     let value = serde_json::from_str::<serde_json::Value>(line).ok();
     value.as_ref().and_then(|value| value.get(key)?.as_str().map(str::to_owned)).ok_or_else(|| {
@@ -222,16 +160,4 @@ fn announced(line: &str, key: &str) -> Result<String, Failure> {
 
 fn unreadable(path: &Path, error: &std::io::Error) -> Failure {
     Failure::new(Exit::Failed, format!("{}: {error}", path.display()), "choose a file and folder that can be used")
-}
-
-impl From<VirtualError> for Failure {
-    fn from(error: VirtualError) -> Self {
-        match error {
-            VirtualError::Session(error) => error.into(),
-            VirtualError::Core(error) => Self::new(Exit::Input, error.to_string(), "correct the cell file"),
-            VirtualError::Link(error) => {
-                Self::new(Exit::Link, error.to_string(), "mend the link and start again; nothing moves by itself")
-            }
-        }
-    }
 }

@@ -100,6 +100,8 @@ pub struct Job {
     reader: Reader,
     phase: Phase,
     status: Option<Status>,
+    /// Whether the status is from after the last batch was taken: its credits count.
+    credits_known: bool,
     /// What the process said of itself: real-time or not, and why not.
     process: Option<(bool, String)>,
     out: Vec<u8>,
@@ -127,6 +129,7 @@ impl Job {
             reader: Reader::new(),
             phase: Phase::Attaching,
             status: None,
+            credits_known: false,
             process: None,
             out: Vec::new(),
             stream: None,
@@ -232,7 +235,10 @@ impl Job {
                 let planned = self.on_cycle(&record);
                 on_cycle(&record, planned);
             }
-            FromKernel::Accepted { batch } if self.unanswered == Some(batch) => self.unanswered = None,
+            FromKernel::Accepted { batch } if self.unanswered == Some(batch) => {
+                self.unanswered = None;
+                self.credits_known = false;
+            }
             FromKernel::Accepted { .. } => {}
             FromKernel::Refused { batch, reason } => self.on_refused(batch, reason)?,
             FromKernel::Alarm { fatal: true, note } => return Err(JobError::Link(note.as_str().to_owned())),
@@ -263,6 +269,7 @@ impl Job {
 
     fn on_status(&mut self, status: Status) -> Result<(), JobError> {
         self.status = Some(status);
+        self.credits_known = true;
         match (self.phase, status.mode) {
             (Phase::Attaching, ModeCode::Faulted) => {
                 if let Some(fault) = status.fault {
@@ -324,7 +331,7 @@ impl Job {
     /// Keeps the ring filled to the look-ahead, one batch on the way at a time, and starts it when it is.
     fn fill(&mut self) -> Result<(), JobError> {
         let Some(status) = self.status else { return Ok(()) };
-        if self.unanswered.is_some() {
+        if self.unanswered.is_some() || !self.credits_known {
             return Ok(());
         }
         let ahead = self.end_seq.saturating_sub(status.consumed);

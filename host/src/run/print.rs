@@ -34,6 +34,8 @@ pub struct Print<'a> {
     pub source: (&'a str, &'a [u8]),
     /// Whether motion is confirmed beforehand (simulated robots only).
     pub yes: bool,
+    /// Whether no progress is shown.
+    pub quiet: bool,
 }
 
 /// A connection to `screed-rt`, and the process if this host started it.
@@ -73,8 +75,9 @@ pub fn attach(socket: &Path, command: Option<Command>) -> Result<Attached, Failu
 ///
 /// # Errors
 /// [`Failure`] when it cannot be written.
-pub fn open_log(cell: &Cell, print: &Print<'_>) -> Result<Option<LogWriter>, Failure> {
+pub fn open_log(print: &Print<'_>) -> Result<Option<LogWriter>, Failure> {
     let Some(path) = &print.log else { return Ok(None) };
+    let cell = print.cell;
     let (name, bytes) = print.source;
     let metadata = Metadata {
         screed: children::VERSION.to_owned(),
@@ -93,7 +96,7 @@ pub fn open_log(cell: &Cell, print: &Print<'_>) -> Result<Option<LogWriter>, Fai
 /// # Errors
 /// [`Failure`]; the ring then still plays to its end, and the arm rests on its path.
 pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
-    let log = open_log(print.cell, print)?;
+    let log = open_log(print)?;
     let Attached { stream, process } = attached;
     let mut session = Session::new(print.cell, print.model, print.wishes.clone(), log);
     let mut driver = Driver { stream, started: Instant::now(), shown: None, terminal: io::stderr().is_terminal() };
@@ -119,7 +122,7 @@ pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
         }
     }
     let outcome = result?;
-    let mut summary = session.summary(&print.source.0.to_owned(), outcome);
+    let mut summary = session.summary(print.source.0, outcome);
     summary.log = print.log.as_ref().map(|path| path.display().to_string());
     Ok(summary)
 }
@@ -173,7 +176,9 @@ impl Driver {
                 let message = "screed-rt does not say that the arm rests";
                 return Err(Failure::new(Exit::SafetyStop, message, "use the emergency stop if the arm moves"));
             }
-            self.show(session);
+            if !print.quiet {
+                self.show(session);
+            }
         }
     }
 

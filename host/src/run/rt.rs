@@ -3,6 +3,7 @@
 //! The robot's telegram is the clock: each one is read, answered and stamped before anything else is looked at.
 
 use crate::config::{self, Cell, ConfigError};
+use crate::failure::{Exit, Failure};
 use crate::link::rtde::LinkError;
 use crate::run::core::{Core, CoreError};
 use crate::run::serial::{SerialError, SerialPortNow};
@@ -45,7 +46,9 @@ pub enum RtError {
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// Nobody answers at the robot's address.
-    #[error("the robot at {address} does not answer: {source}")]
+    #[error(
+        "the robot at {address} does not answer: {source}; check address and port in [link] of the cell file, and that the controller is on"
+    )]
     Robot {
         /// Where.
         address: String,
@@ -56,16 +59,16 @@ pub enum RtError {
     #[error(transparent)]
     Link(#[from] LinkError),
     /// The extruder's device cannot be opened.
-    #[error("the extruder: {0}")]
+    #[error("the extruder: {0}; check [extruder] in the cell file and that the device is there")]
     Extruder(#[from] SerialError),
     /// Ctrl-C and termination cannot be caught.
-    #[error("signals cannot be caught: {0}")]
-    Signals(io::Error),
+    #[error(transparent)]
+    Signals(#[from] signal::SignalError),
     /// The machine cannot be made from the cell.
     #[error(transparent)]
     Core(#[from] CoreError),
     /// The host's socket cannot be made.
-    #[error("the socket {path} cannot be made: {source}", path = .path.display())]
+    #[error("the socket {path} cannot be made: {source}; choose another with --socket", path = .path.display())]
     Socket {
         /// Which.
         path: PathBuf,
@@ -77,12 +80,26 @@ pub enum RtError {
     Wait(io::Error),
 }
 
+impl From<RtError> for Failure {
+    fn from(error: RtError) -> Self {
+        match error {
+            RtError::Config(error) => error.into(),
+            RtError::Signals(error) => error.into(),
+            RtError::Core(error) => Self::told(Exit::Input, error.to_string()),
+            RtError::Socket { .. } | RtError::Wait(_) => Self::told(Exit::Failed, error.to_string()),
+            RtError::Robot { .. } | RtError::Link(_) | RtError::Extruder(_) => {
+                Self::told(Exit::Link, error.to_string())
+            }
+        }
+    }
+}
+
 /// Runs until the host says quit, a link fails, or (with `exit_when_idle`) nobody has been there for long.
 ///
 /// # Errors
 /// [`RtError`].
 pub fn run(args: &RtArgs) -> Result<(), RtError> {
-    signal::catch_stop().map_err(RtError::Signals)?;
+    signal::catch_stop()?;
     let cell = config::load(&args.cell)?;
     let scheduling = realtime::enter(&cell.realtime);
     let core = Core::new(&cell, scheduling.realtime, &scheduling.note)?;

@@ -49,7 +49,7 @@ impl SerialPortNow {
     /// Reads what is there; 0 bytes when nothing is.
     ///
     /// # Errors
-    /// The system's, for example when the device was unplugged.
+    /// The system's; [`io::ErrorKind::UnexpectedEof`] when the device was unplugged.
     pub fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         read_now(self.port.as_raw_fd(), buffer)
     }
@@ -84,7 +84,12 @@ pub(crate) fn set_non_blocking(descriptor: RawFd) -> io::Result<()> {
 /// The system's.
 pub(crate) fn read_now(descriptor: RawFd, buffer: &mut [u8]) -> io::Result<usize> {
     // SAFETY: the pointer and length are those of a live, exclusively borrowed slice.
-    count_or_nothing(unsafe { libc::read(descriptor, buffer.as_mut_ptr().cast(), buffer.len()) })
+    let result = unsafe { libc::read(descriptor, buffer.as_mut_ptr().cast(), buffer.len()) };
+    // A raw terminal without bytes says "would block"; it says 0 only once it has hung up.
+    if result == 0 && !buffer.is_empty() {
+        return Err(io::ErrorKind::UnexpectedEof.into());
+    }
+    count_or_nothing(result)
 }
 
 /// Writes to a non-blocking descriptor; 0 bytes when it takes nothing.

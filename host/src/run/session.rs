@@ -197,7 +197,7 @@ impl Session<'_> {
 fn layers(plan: &Plan) -> (usize, usize) {
     let mut deposits = plan.moves().iter().filter(|step| step.kind == MoveKind::Deposit);
     let first = deposits.next().map_or(0, |step| step.layer);
-    (first, deposits.last().map_or(first, |step| step.layer) + 1)
+    (first, deposits.next_back().map_or(first, |step| step.layer) + 1)
 }
 
 fn route_length(route: &Route) -> f64 {

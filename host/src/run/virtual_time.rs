@@ -2,17 +2,26 @@
 //! as in a timed print, as fast as they go.
 
 use crate::config::Cell;
+use crate::failure::{Exit, Failure};
 use crate::link::rtde::LinkError;
 use crate::run::core::{Core, CoreError};
 use crate::run::job::Outcome;
+use crate::run::print::{self, Print};
 use crate::run::session::{Session, SessionError, Step};
-use crate::sim::extruder::Extruder;
+use crate::run::signal;
+use crate::run::summary::Summary;
+use crate::sim::extruder::{Extruder, TIME_CONSTANT};
 use crate::sim::line::{BadLine, LineFault};
-use crate::sim::ur::{ClientId, Controller, CycleRecord as RobotCycle};
+use crate::sim::ur::record::Record;
+use crate::sim::ur::{ClientId, Controller, Options};
 use screed_kernel::units::Nanos;
+use std::path::PathBuf;
+use std::time::Duration;
 
 /// The robot's own cycle (ns): e-Series.
 const CYCLE_NS: u64 = 2_000_000;
+/// Virtual time between two lines of progress (ns).
+const PROGRESS_NS: u64 = 60_000_000_000;
 
 /// Why a print in virtual time failed.
 #[derive(Debug, thiserror::Error)]
@@ -60,18 +69,13 @@ impl World {
         self.now.0 as f64 * 1e-9
     }
 
-    /// One cycle of the robot, with everything that follows from it; `on_cycle` sees what the robot received and did.
+    /// One cycle of the robot, with everything that follows from it.
     ///
     /// # Errors
     /// [`VirtualError`].
-    pub fn step(
-        &mut self,
-        session: &mut Session<'_>,
-        on_cycle: &mut dyn FnMut(&RobotCycle),
-    ) -> Result<Step, VirtualError> {
+    pub fn step(&mut self, session: &mut Session<'_>) -> Result<Step, VirtualError> {
         self.now = self.now.plus(CYCLE_NS);
         self.controller.step();
-        on_cycle(self.controller.last_cycle());
         let link = self.exchange_robot();
         self.exchange_extruder();
         // What the process has to say of a broken link reaches the host first: it has the words for it.
@@ -119,24 +123,85 @@ impl World {
     }
 }
 
-/// Plays a session to its end; the motion is confirmed as soon as there is a plan, as everything here is simulated.
+/// The simulated surroundings of a print in virtual time.
+#[derive(Clone, Debug)]
+pub struct Virtual {
+    /// The robot's program.
+    pub program: String,
+    /// Spoils one package of the robot.
+    pub fault: Option<LineFault>,
+    /// Where to write what the robot received and did, a row a cycle.
+    pub record: Option<PathBuf>,
+    /// Whether to show no progress.
+    pub quiet: bool,
+}
+
+/// Prints in virtual time; the motion is confirmed as soon as there is a plan, as everything here is simulated.
 ///
 /// # Errors
-/// [`VirtualError`].
-pub fn play(
+/// [`Failure`].
+pub fn print(print: &Print<'_>, surroundings: Virtual) -> Result<Summary, Failure> {
+    let cell = print.cell;
+    let options = Options {
+        start_q: cell.robot.start,
+        flange_from_tcp: cell.tool.flange_from_tcp,
+        register_offset: cell.link.register_offset,
+        program: surroundings.program,
+        autoplay: true,
+    };
+    let controller =
+        Controller::new(&cell.robot.model, options).map_err(|error| Failure::told(Exit::Input, error.to_string()))?;
+    let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT)?;
+    let mut world = World::new(cell, controller, extruder, surroundings.fault).map_err(VirtualError::from)?;
+    let mut record = surroundings.record.as_deref().map(Record::create).transpose()?;
+    let mut session = Session::new(cell, print.model, print.wishes.clone(), print::open_log(print)?);
+    let result = play(&mut world, &mut session, record.as_mut(), surroundings.quiet);
+    session.finish()?;
+    record.as_mut().map_or(Ok(()), Record::finish)?;
+    let mut summary = session.summary(print.source.0, result?);
+    "virtual time".clone_into(&mut summary.scheduling_note);
+    summary.log = print.log.as_ref().map(|path| path.display().to_string());
+    Ok(summary)
+}
+
+/// Steps the world until the session ends; says how.
+fn play(
     world: &mut World,
     session: &mut Session<'_>,
-    on_cycle: &mut dyn FnMut(&RobotCycle),
-    mut on_second: impl FnMut(&mut Session<'_>, f64),
-) -> Result<Outcome, VirtualError> {
+    mut record: Option<&mut Record>,
+    quiet: bool,
+) -> Result<&'static str, Failure> {
+    let mut interrupted = false;
     loop {
-        match world.step(session, on_cycle)? {
+        let step = world.step(session)?;
+        if let Some(record) = &mut record {
+            record.row(world.controller.last_cycle(), Duration::ZERO)?;
+        }
+        match step {
             Step::Running => {}
             Step::Confirm => session.confirm(),
-            Step::Ended(outcome) => return Ok(outcome),
+            Step::Ended(Outcome::Complete) => return Ok("complete"),
+            Step::Ended(Outcome::Stopped) => return Ok(if interrupted { "interrupted" } else { "stopped" }),
         }
-        if world.now.0.is_multiple_of(1_000_000_000) {
-            on_second(session, world.seconds());
+        if signal::stop_requested() && !interrupted {
+            interrupted = true;
+            session.stop();
+        }
+        if !quiet
+            && world.now.0.is_multiple_of(PROGRESS_NS)
+            && let Some(progress) = session.progress(world.seconds())
+        {
+            eprintln!("{}", print::progress_line(session, &progress));
+        }
+    }
+}
+
+impl From<VirtualError> for Failure {
+    fn from(error: VirtualError) -> Self {
+        match error {
+            VirtualError::Session(error) => error.into(),
+            VirtualError::Core(error) => Self::told(Exit::Input, error.to_string()),
+            VirtualError::Link(error) => Self::told(Exit::Link, error.to_string()),
         }
     }
 }

@@ -253,6 +253,10 @@ fn geometry_that_cannot_be_printed_is_refused_by_name_and_line() {
     refuses(&placement, "IFCGRIDPLACEMENT", "IFCGRIDPLACEMENT: unsupported placement; write it as IfcLocalPlacement");
     let circular = with(&small(), "#34=IFCLOCALPLACEMENT($,", "#34=IFCLOCALPLACEMENT(#53,");
     assert!(refused(&circular).to_string().contains("nested deeper than 64"));
+    let far =
+        with(&small(), "((0.,0.,15.))", "((1.E308,0.,1.E308))").replace("((1500.,800.,0.))", "((1.E308,1.E308,0.))");
+    let far = with(&far, ".MILLI.,.METRE.", ".KILO.,.METRE.");
+    refuses(&far, "IFCBUILDINGELEMENTPART", "the path lies beyond all numbers");
     let dangling = with(&small(), "#84=IFCVECTOR(#83,2.)", "#84=IFCVECTOR(#83000,2.)");
     refuses(&dangling, "#84=", "#84 IFCVECTOR: refers to #83000, which is not in the file");
     let flat = with(&small(), "#79=IFCDIRECTION((0.866025403784,0.5,0.))", "#79=IFCDIRECTION((0.,0.,1.))");
@@ -342,4 +346,30 @@ fn layers_placed_in_the_world_lie_where_the_chain_through_the_wall_puts_them() {
     assert!((through_wall.site_from_part.translation - origin).norm() < 1e-10);
     let (c, s) = (65_f64.to_radians().cos(), 65_f64.to_radians().sin());
     assert!((through_wall.site_from_part.rotation.column(0) - nalgebra::Vector3::new(c, s, 0.0)).norm() < 1e-11);
+}
+
+/// In front of a UR10e, its tool pointing down, every point of every layer is reached on one branch.
+#[test]
+fn the_generated_wall_is_within_reach_of_a_ur10e() {
+    use screed_kernel::arms::ur::UR10E;
+    use screed_kernel::ik::ur::nearest;
+    use screed_kernel::units::JointPos;
+    use std::f64::consts::PI;
+    let base_from_part = Pose::from_roll_pitch_yaw(nalgebra::Vector3::new(0.15, 0.0, -0.1), 0.0, 0.0, -PI / 4.0);
+    let flange_from_tcp = Pose::from_translation(0.0, 0.0, 0.2);
+    let down = Pose::from_roll_pitch_yaw(nalgebra::Vector3::zeros(), PI, 0.0, 0.0).rotation;
+    let mut joints = JointPos([15.0, -90.0, -90.0, -90.0, 90.0, -30.0].map(f64::to_radians));
+    for layer in parsed(&quarter_circle(&QuarterCircle::default())).layers {
+        let mut first = true;
+        for point in layer.segments.iter().flat_map(|segment| (0..=50).map(|step| segment.eval(f64::from(step) / 50.0)))
+        {
+            let base_from_tcp = Pose { rotation: down, translation: base_from_part.transform_point(&point.coords) };
+            let next = nearest(&UR10E, &(base_from_tcp * flange_from_tcp.inverse()), &joints)
+                .unwrap_or_else(|error| panic!("{point}: {error:?}"));
+            let step = next.0.iter().zip(&joints.0).fold(0.0, |far: f64, (a, b)| far.max((a - b).abs()));
+            // From point to point at most 42 mm; a change of branch would be half a turn somewhere.
+            assert!(first || step < 0.3, "{point}: {step} rad");
+            (joints, first) = (next, false);
+        }
+    }
 }

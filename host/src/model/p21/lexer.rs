@@ -59,14 +59,14 @@ impl<'a> Lexer<'_, 'a> {
         rest.get(..length).and_then(|bytes| std::str::from_utf8(bytes).ok()).unwrap_or_default()
     }
 
-    pub(super) fn end_of_statement(&mut self, inside: &str) -> Result<(), ModelError> {
+    pub(super) fn end_of_statement(&mut self) -> Result<(), ModelError> {
         self.blank()?;
         match self.peek() {
             Some(b';') => {
                 self.at += 1;
                 Ok(())
             }
-            None => Err(self.cut_short(self.at..self.at, inside, ";")),
+            None => Err(self.cut_short(self.at..self.at, "the statement", ";")),
             Some(_) => Err(self.unexpected(self.at, "';'")),
         }
     }
@@ -86,13 +86,8 @@ impl<'a> Lexer<'_, 'a> {
         let keyword_start = self.at;
         let keyword = self.word();
         let keyword_range = keyword_start..self.at;
-        if self.peek().is_none() {
-            return Err(self.cut_short(start..self.at, &format!("entity #{id}"), "(…);"));
-        }
-        self.blank()?;
-        let inside = if keyword.is_empty() { format!("entity #{id}") } else { format!("entity #{id} {keyword}") };
-        self.skip_arguments(&inside).map_err(|error| self.begin_at(error, start))?;
-        self.end_of_statement(&inside).map_err(|error| self.begin_at(error, start))?;
+        let rest = self.blank().and_then(|()| self.skip_arguments()).and_then(|()| self.end_of_statement());
+        rest.map_err(|error| self.name_statement(error, start, &format!("entity #{id} {keyword}")))?;
         Ok(Instance { id, span: start..self.at, keyword: keyword_range })
     }
 
@@ -106,11 +101,11 @@ impl<'a> Lexer<'_, 'a> {
     }
 
     /// From `(` past its `)`; strings and comments may hold anything.
-    pub(super) fn skip_arguments(&mut self, inside: &str) -> Result<(), ModelError> {
+    pub(super) fn skip_arguments(&mut self) -> Result<(), ModelError> {
         let start = self.at;
         match self.peek() {
             Some(b'(') => {}
-            None => return Err(self.cut_short(start..start, inside, "(")),
+            None => return Err(self.cut_short(start..start, "the type", "(")),
             Some(_) => return Err(self.unexpected(start, "'('")),
         }
         let mut depth = 0_usize;
@@ -125,7 +120,7 @@ impl<'a> Lexer<'_, 'a> {
                     }
                 }
                 b'\'' => {
-                    self.string(inside)?;
+                    self.string()?;
                     continue;
                 }
                 b'/' if self.rest().starts_with(b"/*") => {
@@ -137,7 +132,7 @@ impl<'a> Lexer<'_, 'a> {
             }
             self.at += 1;
         }
-        Err(self.cut_short(start..self.at, inside, ")"))
+        Err(self.cut_short(start..self.at, "the attributes", ")"))
     }
 
     /// Past the section's `ENDSEC`, whatever it holds.
@@ -152,12 +147,12 @@ impl<'a> Lexer<'_, 'a> {
     }
 
     /// From quote past the closing quote; a doubled quote is part of the string.
-    fn string(&mut self, inside: &str) -> Result<&'a [u8], ModelError> {
+    fn string(&mut self) -> Result<&'a [u8], ModelError> {
         let start = self.at;
         self.at += 1;
         loop {
             let Some(length) = memchr::memchr(b'\'', self.rest()) else {
-                return Err(self.cut_short(start..start + 1, &format!("a string of {inside}"), "'"));
+                return Err(self.cut_short(start..start + 1, "a string", "'"));
             };
             self.at += length + 1;
             if self.peek() != Some(b'\'') {
@@ -219,7 +214,7 @@ impl<'a> Lexer<'_, 'a> {
                 self.at += 1;
                 Ok(Value::Derived)
             }
-            Some(b'\'') => Ok(Value::Text(self.string("an attribute")?)),
+            Some(b'\'') => Ok(Value::Text(self.string()?)),
             Some(b'(') => Ok(Value::List(self.list(depth + 1)?)),
             Some(b'#') => {
                 self.at += 1;
@@ -295,11 +290,12 @@ impl<'a> Lexer<'_, 'a> {
         self.unexpected(0, expected)
     }
 
-    /// A statement that is cut short is shown from its begin.
-    fn begin_at(&self, error: ModelError, start: usize) -> ModelError {
+    /// A statement that is cut short is named, and shown from its begin.
+    pub(super) fn name_statement(&self, error: ModelError, start: usize, name: &str) -> ModelError {
         match error {
             ModelError::Truncated { inside, expected, .. } => {
-                ModelError::Truncated { place: self.file.place(start..self.at), inside, expected }
+                let place = self.file.place(start..self.at);
+                ModelError::Truncated { place, inside: format!("{inside} of {}", name.trim_end()), expected }
             }
             other => other,
         }

@@ -2,7 +2,6 @@
 
 use super::{Extruder, SimError};
 use crate::run::serial::{read_now, set_non_blocking, write_now};
-use crate::run::signal;
 use serialport::{SerialPort, TTYPort};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -10,42 +9,43 @@ use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+/// Lag of the flow (s, time to 63 %).
+const LAG: f64 = 0.05;
 /// How often the extruder looks at its line.
 const PERIOD: Duration = Duration::from_millis(5);
 /// A longer step means that this machine stood still; the extruder's time then stands still too, and the stall is counted.
 const STEP_MAX: Duration = Duration::from_millis(50);
 
 /// What to serve.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct ServeOptions {
     /// Highest flow (m³/s).
     pub flow_max: f64,
-    /// Lag of the flow (s, time to 63 %).
-    pub time_constant: f64,
     /// Where to write time, flows and volume, one row every 5 ms.
     pub record: Option<PathBuf>,
     /// Ends when no valid line has come for this long.
     pub exit_when_idle: Option<Duration>,
     /// The lines on standard output are JSON.
     pub json: bool,
+    /// Ends when this says so; looked at every 5 ms.
+    pub stop: fn() -> bool,
 }
 
-/// Opens a pseudo-terminal, says its path on one line of standard output, and simulates until SIGINT, SIGTERM or idleness;
+/// Opens a pseudo-terminal, says its path on one line of standard output, and simulates until it is told to stop or is idle;
 /// then says what was extruded, on one more line.
 ///
 /// # Errors
 /// [`SimError`].
 pub fn serve(options: &ServeOptions) -> Result<(), SimError> {
-    let mut extruder = Extruder::new(options.flow_max, options.time_constant)?;
+    let mut extruder = Extruder::new(options.flow_max, LAG)?;
     let mut record = options.record.as_deref().map(Record::create).transpose()?;
-    signal::catch_stop().map_err(|source| SimError::Terminal { action: "catch signals", source })?;
     let (master, device) = open_terminal()?;
     let announced = announce(&device, options.json);
     announced.map_err(|source| SimError::Terminal { action: "say its device", source })?;
 
     let (mut simulated, mut stalls) = (Duration::ZERO, 0u64);
     let (mut last, mut last_valid) = (Instant::now(), (Instant::now(), 0));
-    while !signal::stop_requested() {
+    while !(options.stop)() {
         std::thread::sleep(PERIOD);
         exchange(&mut extruder, &master)?;
         let now = Instant::now();
@@ -68,8 +68,11 @@ pub fn serve(options: &ServeOptions) -> Result<(), SimError> {
     if let Some(record) = record {
         record.finish()?;
     }
-    let said = farewell(&extruder, stalls, options.json);
-    said.map_err(|source| SimError::Terminal { action: "say what it extruded", source })
+    match farewell(&extruder, stalls, options.json) {
+        // Whoever started it has gone, or has read the device and closed its end.
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        said => said.map_err(|source| SimError::Terminal { action: "say what it extruded", source }),
+    }
 }
 
 /// The master's end, and the path of the other one. The other end is not kept open: the lock of a client that was killed

@@ -104,7 +104,7 @@ impl From<SimError> for Failure {
             SimError::AddressInUse { .. } | SimError::Listen { .. } => Exit::Link,
             SimError::Record { .. } | SimError::Output { .. } => Exit::Failed,
         };
-        Self::told(exit, &error)
+        Self::told(exit, error.to_string())
     }
 }
 

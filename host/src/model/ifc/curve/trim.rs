@@ -207,7 +207,7 @@ fn basis_number(curve: &Record<'_>) -> Result<u64, ModelError> {
 fn sweep(difference: f64, forward: bool) -> f64 {
     let sign = if forward { 1.0 } else { -1.0 };
     let turn = (sign * difference).rem_euclid(TAU);
-    if turn < FULL_CIRCLE || turn > TAU - FULL_CIRCLE { sign * TAU } else { sign * turn }
+    if turn.min(TAU - turn) < FULL_CIRCLE { sign * TAU } else { sign * turn }
 }
 
 #[cfg(test)]

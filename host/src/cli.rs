@@ -1,0 +1,147 @@
+//! The command line: raw arguments, then checked ones, then one match.
+
+pub mod args;
+mod check;
+mod demo;
+mod log;
+mod plan;
+mod print;
+mod sim;
+
+use crate::failure::{Exit, Failure};
+use crate::model::fim::{self, FimModel};
+use crate::run::children::VERSION;
+use crate::run::rt::{self, RtArgs};
+use args::{CheckArgs, DemoArgs, LogArgs, PlanArgs, PrintArgs, SimCommand};
+use clap::{Parser, Subcommand};
+use std::io::{ErrorKind, Write};
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Turns a FIM IFC model into the motion of a robot that prints it.
+#[derive(Debug, Parser)]
+#[command(name = "screed", version = VERSION, arg_required_else_help = true)]
+#[command(
+    after_help = "Exit codes: 0 done, 1 failed, 2 usage, 3 cell file or model, 4 link, 5 safety stop, 130 Ctrl-C."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Show it working: a simulated UR10e and extruder print a wall
+    Demo(DemoArgs),
+    /// Plan a FIM model: layers, lengths, times, volumes, limits
+    Plan(PlanArgs),
+    /// Print a FIM model on the robot of a cell
+    Print(PrintArgs),
+    /// Say whether a cell file or a model is sound, and what was looked at
+    Check(CheckArgs),
+    /// Read a cycle log
+    Log(LogArgs),
+    /// Run a simulated machine
+    #[command(subcommand)]
+    Sim(SimCommand),
+    /// The real-time process (what the program screed-rt does)
+    #[command(hide = true)]
+    Rt(RtArgs),
+}
+
+/// Runs the program on the process' own arguments. Everything that fails is said here, once.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version are no failure, and a closed output is none either.
+            let _ = error.print();
+            return if error.use_stderr() { Exit::Usage.into() } else { ExitCode::SUCCESS };
+        }
+    };
+    match run(&cli.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => tell(&failure),
+    }
+}
+
+fn run(command: &Command) -> Result<(), Failure> {
+    match command {
+        Command::Demo(args) => demo::run(args),
+        Command::Plan(args) => plan::run(args),
+        Command::Print(args) => print::run(args),
+        Command::Rt(args) => Ok(rt::run(args)?),
+        Command::Check(args) => check::run(args),
+        Command::Log(args) => log::run(args),
+        Command::Sim(SimCommand::Ur(args)) => sim::ur(args),
+        Command::Sim(SimCommand::Extruder(args)) => sim::extruder(args),
+    }
+}
+
+/// `screed-rt`: the real-time process alone.
+#[derive(Debug, Parser)]
+#[command(name = "screed-rt", version = VERSION)]
+struct RtCli {
+    #[command(flatten)]
+    args: RtArgs,
+}
+
+/// The program `screed-rt` on the process' own arguments.
+pub fn rt_main() -> ExitCode {
+    let cli = match RtCli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            let _ = error.print();
+            return if error.use_stderr() { Exit::Usage.into() } else { ExitCode::SUCCESS };
+        }
+    };
+    match rt::run(&cli.args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => tell(&error.into()),
+    }
+}
+
+/// Says once what failed; the exit code is its class. Whoever started this process may have gone.
+fn tell(failure: &Failure) -> ExitCode {
+    if !failure.problems.is_empty() {
+        let _ = writeln!(std::io::stderr(), "{failure}");
+    }
+    failure.exit.into()
+}
+
+/// Writes to standard output; a reader that has had enough (`| head`) is no failure.
+fn say(text: &str) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            let message = format!("standard output cannot be written: {error}");
+            Err(Failure::new(Exit::Failed, message, "send it to a place with room"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// A model and the bytes it was read from.
+fn read_model(path: &Path) -> Result<(FimModel, Vec<u8>), Failure> {
+    let name = path.to_string_lossy();
+    let bytes = std::fs::read(path).map_err(|error| {
+        Failure::new(
+            Exit::Input,
+            format!("cannot read the model {name}: {error}"),
+            "check the path and the permissions",
+        )
+    })?;
+    let model = fim::parse(&name, &bytes).map_err(|error| error.into_failure(&name, &bytes))?;
+    Ok((model, bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_definition_is_sound() {
+        Cli::command().debug_assert();
+    }
+}

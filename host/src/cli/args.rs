@@ -1,0 +1,344 @@
+//! The arguments of every command, as clap reads them. What needs the cell to be judged has a `checked` of its own.
+
+use crate::config::Cell;
+use crate::failure::{Exit, Failure};
+use crate::sim::line::LineFault;
+use std::net::IpAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// `screed demo`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct DemoArgs {
+    /// How many layers to print
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub layers: u16,
+    /// Setpoints a second: 125 or 500
+    #[arg(long, value_name = "HZ", default_value_t = 125, value_parser = rate)]
+    pub rate: u32,
+    /// Stop under control after so many seconds of motion
+    #[arg(long = "for", value_name = "SECONDS", value_parser = seconds)]
+    pub stop_after: Option<Duration>,
+    /// Virtual time, in one thread: the same bytes through the same state machines
+    #[arg(long)]
+    pub fast: bool,
+    /// Spoil one package of the robot: size, type, short, nan or impossible, after so many packages
+    #[arg(long, value_name = "KIND@COUNT", requires = "fast", hide = true)]
+    pub line_fault: Option<LineFault>,
+    /// A robot program instead of Screed's own
+    #[arg(long, value_name = "FILE")]
+    pub program: Option<PathBuf>,
+    /// Write the cycle log
+    #[arg(long, value_name = "FILE")]
+    pub log: Option<PathBuf>,
+    /// Write what the robot received, as CSV with a row a cycle
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// The table at the end as JSON, and no progress
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `screed plan`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct PlanArgs {
+    /// The FIM model, IFC
+    #[arg(value_name = "FILE.ifc")]
+    pub model: PathBuf,
+    /// The cell file; without it, the demo's cell
+    #[arg(long, value_name = "FILE.toml")]
+    pub cell: Option<PathBuf>,
+    /// Setpoints a second in the demo's cell: 125 or 500
+    #[arg(long, value_name = "HZ", default_value_t = 125, value_parser = rate, conflicts_with = "cell")]
+    pub rate: u32,
+    /// Begin with this layer; the first is 0. It is the one drawn
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub from_layer: usize,
+    /// How many layers; without it, all that are left
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    pub layers: Option<usize>,
+    /// Write the plan as CSV or JSON, by the file's ending
+    #[arg(long, value_name = "FILE", value_parser = table)]
+    pub out: Option<PathBuf>,
+    /// Draw path and speed
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// The report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `screed print`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct PrintArgs {
+    /// The FIM model, IFC
+    #[arg(value_name = "FILE.ifc")]
+    pub model: PathBuf,
+    /// The cell file
+    #[arg(long, value_name = "FILE.toml")]
+    pub cell: PathBuf,
+    /// Begin with this layer; the first is 0
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub from_layer: usize,
+    /// How many layers; without it, all that are left
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    pub layers: Option<usize>,
+    /// Move without flow
+    #[arg(long)]
+    pub dry: bool,
+    /// Do not ask before the first motion (simulated robots only)
+    #[arg(long)]
+    pub yes: bool,
+    /// The robot of the cell file is real and may move
+    #[arg(long)]
+    pub real_robot: bool,
+    /// Simulate it: robot, extruder and time, in one thread
+    #[arg(long, conflicts_with_all = ["real_robot", "attach"])]
+    pub fast: bool,
+    /// With --fast: write what the robot received, as CSV with a row a cycle
+    #[arg(long, value_name = "FILE", requires = "fast")]
+    pub record: Option<PathBuf>,
+    /// Use the screed-rt that answers at this socket, instead of starting one
+    #[arg(long, value_name = "SOCKET")]
+    pub attach: Option<PathBuf>,
+    /// Write the cycle log
+    #[arg(long, value_name = "FILE")]
+    pub log: Option<PathBuf>,
+    /// The table at the end as JSON, and no progress
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl PrintArgs {
+    /// Whether what was said about the robot fits the cell: a real robot moves only with `--real-robot` and after a person
+    /// has answered the question; a simulated one is not passed off as real.
+    ///
+    /// # Errors
+    /// A usage [`Failure`].
+    pub fn checked(&self, cell: &Cell) -> Result<&Self, Failure> {
+        let name = &cell.name;
+        let (message, remedy) = match (cell.robot.simulated, self.real_robot, self.yes) {
+            (false, false, _) => (
+                format!("the robot of the cell {name} is real: expected --real-robot, found none"),
+                "give --real-robot when nobody is within its reach",
+            ),
+            (false, true, true) => (
+                "--yes answers for a person: expected a person to confirm the motion of a real robot".to_owned(),
+                "leave --yes out",
+            ),
+            (true, true, _) => (
+                format!("the robot of the cell {name} is simulated: expected no --real-robot"),
+                "leave --real-robot out, or set simulated = false in [robot] of the cell file",
+            ),
+            (true, false, _) | (false, true, false) => return Ok(self),
+        };
+        Err(Failure::new(Exit::Usage, message, remedy))
+    }
+}
+
+/// `screed check`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct CheckArgs {
+    /// A cell file (.toml) or a FIM model (.ifc)
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Whether the model can be printed in this cell
+    #[arg(long, value_name = "FILE.toml")]
+    pub cell: Option<PathBuf>,
+}
+
+/// `screed log`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct LogArgs {
+    /// The cycle log
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Print it as a table with a row a cycle, or write that to OUT
+    #[arg(long, value_name = "OUT", num_args = 0..=1)]
+    pub csv: Option<Option<PathBuf>>,
+}
+
+/// `screed sim`
+#[derive(Clone, Debug, PartialEq, clap::Subcommand)]
+pub enum SimCommand {
+    /// A UR controller: an RTDE server and a robot that follows servoj
+    Ur(SimUrArgs),
+    /// A clay extruder on a pseudo-terminal
+    Extruder(SimExtruderArgs),
+}
+
+/// `screed sim ur`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct SimUrArgs {
+    /// The robot
+    #[arg(long, value_name = "NAME", default_value = "ur10e")]
+    pub model: String,
+    /// The cell file that gives its start joints, tool and program; without it, the demo's cell
+    #[arg(long, value_name = "FILE.toml")]
+    pub cell: Option<PathBuf>,
+    /// Where to listen
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
+    pub host: IpAddr,
+    /// The port; 0 takes a free one
+    #[arg(long, value_name = "PORT", default_value_t = 30_004)]
+    pub port: u16,
+    /// Let other machines connect; RTDE has no password
+    #[arg(long)]
+    pub allow_remote: bool,
+    /// The joints it starts with, six numbers in degrees, instead of the cell's
+    #[arg(long, value_name = "J1,J2,J3,J4,J5,J6", value_parser = joints_deg, allow_hyphen_values = true)]
+    pub start_deg: Option<StartDeg>,
+    /// A robot program (URScript) instead of Screed's own
+    #[arg(long, value_name = "FILE")]
+    pub program: Option<PathBuf>,
+    /// Write what it received, as CSV with a row a cycle
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// End when nobody has been connected for so long
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub exit_when_idle: Option<Duration>,
+    /// Say where it listens, and what it did, as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Six joints as a person types them (degrees).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StartDeg(pub [f64; 6]);
+
+/// `screed sim extruder`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct SimExtruderArgs {
+    /// The cell file that gives its highest flow; without it, the demo's cell
+    #[arg(long, value_name = "FILE.toml")]
+    pub cell: Option<PathBuf>,
+    /// Write time, flows and volume, as CSV with a row every 5 ms
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// End when no valid line has come for so long
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub exit_when_idle: Option<Duration>,
+    /// Say its device, and what it extruded, as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn rate(text: &str) -> Result<u32, String> {
+    match text {
+        "125" => Ok(125),
+        "500" => Ok(500),
+        _ => Err("expected 125 or 500".to_owned()),
+    }
+}
+
+/// A duration up to a month; longer ones are slips.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| "expected a number of seconds".to_owned())?;
+    if seconds > 0.0 && seconds <= 2.6e6 {
+        Ok(Duration::from_secs_f64(seconds))
+    } else {
+        Err("expected more than 0 and at most 2600000 seconds".to_owned())
+    }
+}
+
+fn at_least_one(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if count >= 1 => Ok(count),
+        _ => Err("expected a whole number from 1".to_owned()),
+    }
+}
+
+fn table(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension().and_then(|extension| extension.to_str()) {
+        Some("csv" | "json") => Ok(path),
+        _ => Err("expected a name that ends with .csv or .json".to_owned()),
+    }
+}
+
+fn joints_deg(text: &str) -> Result<StartDeg, String> {
+    let expected = || "expected six numbers from -360 to 360, separated by commas".to_owned();
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    let joints: [f64; 6] = numbers.map_err(|_| expected())?.try_into().map_err(|_| expected())?;
+    if joints.iter().all(|joint| (-360.0..=360.0).contains(joint)) { Ok(StartDeg(joints)) } else { Err(expected()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    enum All {
+        Demo(DemoArgs),
+        Plan(PlanArgs),
+        Print(PrintArgs),
+        #[command(subcommand)]
+        Sim(SimCommand),
+    }
+
+    fn parse(line: &str) -> Result<All, String> {
+        let words = std::iter::once("screed").chain(line.split_whitespace());
+        All::try_parse_from(words).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn sound_command_lines_are_taken() {
+        let Ok(All::Demo(demo)) = parse("demo --layers 2 --rate 500 --for 1.5 --fast --line-fault short@100 --json")
+        else {
+            panic!("a sound line")
+        };
+        assert_eq!((demo.layers, demo.rate, demo.stop_after), (2, 500, Some(Duration::from_millis(1500))));
+        assert!(demo.fast && demo.json && demo.line_fault.is_some());
+        let Ok(All::Sim(SimCommand::Ur(ur))) = parse("sim ur --port 0 --start-deg -1,2,3,-4.5,5,6 --json") else {
+            panic!("a sound line")
+        };
+        assert_eq!(ur.start_deg, Some(StartDeg([-1.0, 2.0, 3.0, -4.5, 5.0, 6.0])));
+        assert!(parse("plan a.ifc --cell c.toml --out p.csv --plot p.svg").is_ok());
+        assert!(parse("print a.ifc --cell c.toml --from-layer 2 --layers 1 --dry --yes --log l").is_ok());
+    }
+
+    #[test]
+    fn senseless_command_lines_are_refused_with_what_was_expected() {
+        for (line, expected) in [
+            ("demo --rate 250", "expected 125 or 500"),
+            ("demo --layers 0", "1..=1000"),
+            ("demo --for -1", "unexpected argument"),
+            ("demo --for=nan", "expected more than 0"),
+            ("demo --line-fault short@3", "--fast"),
+            ("demo --fast --line-fault long@3", "expected size, type, short, nan or impossible"),
+            ("plan", "FILE.ifc"),
+            ("plan a.ifc --out p.txt", ".csv or .json"),
+            ("print a.ifc", "--cell"),
+            ("print a.ifc --cell c.toml --layers 0", "from 1"),
+            ("sim ur --start-deg 1,2,3", "six numbers"),
+            ("sim ur --start-deg 1,2,3,4,5,nan", "six numbers"),
+            ("sim ur --port 65536", "65536"),
+        ] {
+            let message = parse(line).err().unwrap_or_default();
+            assert!(message.contains(expected), "{line}: {message}");
+        }
+    }
+
+    #[test]
+    fn a_real_robot_needs_its_option_and_a_person() {
+        let simulated = Cell::demo(125).unwrap_or_else(|error| panic!("{error}"));
+        let mut real = simulated.clone();
+        real.robot.simulated = false;
+        let args = |options: &str| match parse(&format!("print a.ifc --cell c.toml {options}")) {
+            Ok(All::Print(args)) => args,
+            other => panic!("{other:?}"),
+        };
+        for (options, with_simulated, with_real) in [
+            ("", true, false),
+            ("--yes", true, false),
+            ("--real-robot", false, true),
+            ("--real-robot --yes", false, false),
+        ] {
+            let args = args(options);
+            assert_eq!(args.checked(&simulated).is_ok(), with_simulated, "{options}");
+            assert_eq!(args.checked(&real).is_ok(), with_real, "{options}");
+        }
+        assert_eq!(args("").checked(&real).err().map(|failure| failure.exit), Some(Exit::Usage));
+    }
+}

@@ -1,0 +1,159 @@
+//! The whole flow in virtual time: model to robot, judged by what the robot received.
+
+mod common;
+
+use common::{demo_limits, judge, read_record, received};
+use screed::config;
+use screed::failure::{Exit, Failure};
+use screed::model::fim;
+use screed::run::demo::{Demo, program};
+use screed::run::print::Print;
+use screed::run::session::Wishes;
+use screed::run::summary::Summary;
+use screed::run::virtual_time::{self, Virtual};
+use screed_kernel::arms::ur::UR10E;
+use screed_kernel::units::JointPos;
+use std::path::PathBuf;
+use tempfile::TempDir;
+
+fn demo(rate_hz: u32) -> Demo {
+    Demo {
+        layers: 1,
+        rate_hz,
+        stop_after: None,
+        fast: true,
+        line_fault: None,
+        program: None,
+        log: None,
+        record: None,
+        quiet: true,
+    }
+}
+
+fn recorded(mut demo: Demo) -> (Result<Summary, Failure>, Vec<common::Cycle>) {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("record.csv");
+    demo.record = Some(path.clone());
+    let summary = demo.run();
+    (summary, read_record(&path))
+}
+
+#[test]
+fn the_robot_receives_the_path_within_every_limit_at_both_rates() {
+    let mut hashes = Vec::new();
+    for rate in [125, 500] {
+        let (summary, record) = recorded(demo(rate));
+        let summary = summary.unwrap();
+        let figures = &summary.figures;
+        assert_eq!((summary.outcome, summary.layer_time_s), ("complete", 70.0));
+        assert!((summary.path_length_m - 4.015).abs() < 1e-9);
+        assert_eq!((figures.sent, figures.doubled, figures.skipped), (u64::from(summary.planned), 0, 0));
+        assert!(figures.commanded_contour.max().unwrap() < 10e-6);
+        // servoj's look-ahead of 0.1 s at 57 mm/s, and its transport.
+        let lag = figures.following.rms().unwrap();
+        assert!((5e-3..7e-3).contains(&lag), "{lag}");
+        assert!(figures.actual_contour.rms().unwrap() < 0.2e-3);
+        let volume = 0.024 * 0.015 * 4.015;
+        assert!((figures.volume_m3 - volume).abs() < 1e-3 * volume, "{}", figures.volume_m3);
+        let setpoints = received(&record);
+        // The robot heard every waypoint once, and the resting positions before and behind them.
+        assert!(setpoints.len() as u64 >= figures.sent);
+        judge(&setpoints, 1.0 / f64::from(rate), &demo_limits());
+        hashes.push(summary.hash.clone());
+        assert_eq!(demo(rate).run().unwrap().hash, summary.hash, "the same again");
+    }
+    assert_ne!(hashes[0], hashes[1]);
+}
+
+#[test]
+fn the_tool_is_where_independent_kinematics_say_for_a_thousand_received_setpoints() {
+    let (_, record) = recorded(demo(125));
+    let setpoints = received(&record);
+    for q in setpoints.iter().step_by(setpoints.len() / 1000).take(1000) {
+        let flange = UR10E.forward(&JointPos(*q));
+        let tool = flange.transform_point(&nalgebra::Vector3::new(0.0, 0.0, 0.2));
+        let miss = (tool - nalgebra::Vector3::from(common::tcp(q, 0.2))).norm();
+        assert!(miss < 1e-9, "{q:?}: {miss:e}");
+    }
+}
+
+#[test]
+fn a_spoilt_package_stops_the_job_with_the_right_error() {
+    for (fault, expected) in [
+        ("size@1500", "bytes"),
+        ("type@1500", "type"),
+        ("short@1500", ""),
+        ("nan@1500", "actual_q"),
+        ("impossible@1500", "actual_q"),
+    ] {
+        let mut demo = demo(125);
+        demo.line_fault = Some(fault.parse().unwrap());
+        let (summary, record) = recorded(demo);
+        let failure = summary.unwrap_err();
+        assert_eq!(failure.exit, Exit::Link, "{fault}: {failure}");
+        let text = failure.to_string();
+        assert!(text.contains(expected) && text.contains("remedy"), "{fault}: {text}");
+        assert!(record.len() < 10_000, "{fault}: the job went on");
+    }
+}
+
+#[test]
+fn without_the_servoj_line_nothing_moves_and_the_error_says_why() {
+    let folder = TempDir::new().unwrap();
+    let text = program(&config::Cell::demo(125).unwrap()).unwrap();
+    assert!(text.contains("servoj("));
+    let path = folder.path().join("robot.script");
+    let without: Vec<&str> = text.lines().filter(|line| !line.contains("servoj(")).collect();
+    std::fs::write(&path, without.join("\n") + "\n").unwrap();
+    let mut demo = demo(125);
+    demo.program = Some(path);
+    let (summary, record) = recorded(demo);
+    let failure = summary.unwrap_err();
+    assert_eq!(failure.exit, Exit::SafetyStop);
+    assert!(failure.to_string().contains("does not follow") && failure.to_string().contains("servoj"), "{failure}");
+    assert!(record.iter().all(|cycle| cycle.actual_q == record[0].actual_q));
+}
+
+#[test]
+fn after_the_time_asked_for_it_rests_on_the_path() {
+    let mut demo = demo(500);
+    demo.stop_after = Some(15.0);
+    let (summary, record) = recorded(demo);
+    let summary = summary.unwrap();
+    assert_eq!(summary.outcome, "stopped");
+    assert!(summary.figures.commanded_contour.max().unwrap() < 10e-6);
+    let setpoints = received(&record);
+    judge(&setpoints, 0.002, &demo_limits());
+    let [.., before, last] = &setpoints[..] else { panic!() };
+    let step = before.iter().zip(last).fold(0.0, |far: f64, (a, b)| far.max((a - b).abs()));
+    assert!(step < 1e-9, "at rest: {step}");
+}
+
+#[test]
+fn the_larger_model_is_printed_each_layer_in_its_seventy_seconds() {
+    let cell_path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../fixtures/cells/fim_fixture.toml");
+    let cell = config::load(&cell_path).unwrap();
+    let model_path = screed_fixtures::data("FIM_fixture_IFC4.ifc");
+    let bytes = std::fs::read(&model_path).unwrap();
+    let model = fim::parse("FIM_fixture_IFC4.ifc", &bytes).unwrap();
+    let folder = TempDir::new().unwrap();
+    let record = folder.path().join("record.csv");
+    let print = Print {
+        cell: &cell,
+        model: &model,
+        wishes: Wishes::default(),
+        log: None,
+        source: ("FIM_fixture_IFC4.ifc", &bytes),
+        yes: true,
+        quiet: true,
+    };
+    let surroundings =
+        Virtual { program: program(&cell).unwrap(), fault: None, record: Some(record.clone()), quiet: true };
+    let summary = virtual_time::print(&print, surroundings).unwrap();
+    assert_eq!((summary.outcome, summary.layers, summary.layer_time_s), ("complete", (0, 5), 350.0));
+    assert!((summary.path_length_m - 5.0 * 8.983_187_172).abs() < 1e-8);
+    assert!(summary.figures.commanded_contour.max().unwrap() < 10e-6);
+    let tool = cell.tool.flange_from_tcp.translation.z;
+    let period = 1.0 / f64::from(cell.link.rate_hz);
+    judge(&received(&read_record(&record)), period, &common::Limits { tool, ..demo_limits() });
+}
