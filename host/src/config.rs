@@ -93,6 +93,8 @@ pub struct Limits {
 pub struct Travel {
     /// Height by which the tool is lifted off a layer before it travels (m).
     pub lift: f64,
+    /// Time that the tool stands still at a layer's start before it deposits, so that the servo's lag has gone (s).
+    pub settle: f64,
     /// Highest speed (m/s).
     pub velocity_max: f64,
     /// Highest acceleration (m/s²).

@@ -109,6 +109,7 @@ fn limits(document: &mut Document<'_>) -> Option<Limits> {
 fn travel(document: &mut Document<'_>) -> Option<Travel> {
     let mut section = document.section("travel");
     let lift = section.number(&keys::LIFT);
+    let settle = section.number_or(&keys::SETTLE, 0.0);
     let velocity = section.number(&keys::VELOCITY);
     let acceleration = section.number(&keys::ACCELERATION);
     let jerk = section.number(&keys::JERK);
@@ -116,6 +117,7 @@ fn travel(document: &mut Document<'_>) -> Option<Travel> {
     section.finish();
     Some(Travel {
         lift: lift?,
+        settle: settle?,
         velocity_max: velocity?,
         acceleration_max: acceleration?,
         jerk_max: jerk?,

@@ -293,22 +293,6 @@ fn a_job_can_start_at_a_layer_and_run_dry() {
     assert_eq!(there.approach().duration, 0.0);
 }
 
-/// `cargo test --release -p screed --lib setpoints_a_second -- --ignored --nocapture`
-#[test]
-#[ignore = "a measurement, not a test"]
-fn setpoints_a_second() {
-    let (model, cell) = (wall(10), Cell::demo(500).unwrap());
-    let began = std::time::Instant::now();
-    let plan = plan(&model, &cell);
-    let planned = began.elapsed().as_secs_f64();
-    let began = std::time::Instant::now();
-    let made: usize = plan.batches().map(|batch| batch.unwrap().setpoints.len()).sum();
-    let streamed = began.elapsed().as_secs_f64();
-    println!("{} setpoints planned and verified in {planned:.2} s", plan.last_seq());
-    println!("{made} with tails in {streamed:.2} s: {:.0} a second", made as f64 / streamed);
-    println!("greatest batch {:?}", plan.batch_max());
-}
-
 #[test]
 fn both_models_of_the_project_are_planned_each_layer_in_its_time() {
     let generated = screed_fixtures::quarter_circle(&screed_fixtures::QuarterCircle::default());

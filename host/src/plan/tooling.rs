@@ -55,6 +55,11 @@ impl Tooling {
         ur::nearest(&self.arm, &self.flange_at(point_in_part), seed).map(|joints| on_grid(&joints))
     }
 
+    /// Whether joints hold the tool in its one direction, to 1e-6 rad.
+    pub fn is_upright(&self, joints: &JointPos<6>) -> bool {
+        (self.arm.forward(joints).rotation - self.base_from_flange).norm() < 1e-6
+    }
+
     /// Where joints put the tool centre point, in the base frame.
     pub fn base_from_tcp(&self, joints: &JointPos<6>) -> Pose {
         self.arm.forward(joints) * self.flange_from_tcp

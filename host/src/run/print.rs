@@ -216,6 +216,9 @@ impl Driver {
     fn ask(&mut self, session: &mut Session<'_>, print: &Print<'_>) -> Option<Receiver<bool>> {
         if let Some(plan) = session.plan() {
             let approach = plan.approach();
+            if approach.lifted {
+                eprintln!("the tool is first lifted straight up to the travel height");
+            }
             eprintln!("approach, joints in degrees:");
             eprintln!("  from {}", degrees(&approach.from));
             eprintln!("  to   {}", degrees(&approach.to));

@@ -12,10 +12,10 @@ fn layers_that_are_not_there() {
     let (model, cell) = demo();
     let options = Options { from_layer: 2, ..Options::default() };
     let refused = Plan::new(&model, &cell, &options, &cell.robot.start).unwrap_err();
-    assert_eq!(refused, PlanError::NoSuchLayer { from_layer: 2, layers: 2 });
+    assert_eq!(refused, PlanError::NoSuchLayers { from_layer: 2, count: 0, layers: 2 });
     let none = Options { layers: Some(0), ..Options::default() };
-    assert!(matches!(Plan::new(&model, &cell, &none, &cell.robot.start), Err(PlanError::NoSuchLayer { .. })));
-    assert!(matches!(attempt(&wall(0), &cell), Err(PlanError::NoSuchLayer { layers: 0, .. })));
+    assert!(matches!(Plan::new(&model, &cell, &none, &cell.robot.start), Err(PlanError::NoSuchLayers { .. })));
+    assert!(matches!(attempt(&wall(0), &cell), Err(PlanError::NoSuchLayers { layers: 0, .. })));
 }
 
 #[test]
