@@ -100,7 +100,7 @@ pub fn received(record: &[Cycle]) -> Vec<[f64; 6]> {
     let mut setpoints: Vec<[f64; 6]> = Vec::new();
     let mut last = 0;
     for cycle in record.iter().filter(|cycle| cycle.packages > 0) {
-        assert!(cycle.seq > last, "package {} after {last}", cycle.seq);
+        assert!(cycle.seq == last + 1, "package {} after {last}: the robot lost what was between", cycle.seq);
         last = cycle.seq;
         setpoints.push(cycle.registers);
     }

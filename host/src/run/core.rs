@@ -45,10 +45,10 @@ pub struct Core {
     record: Option<CycleRecord>,
     /// Counts packages to the robot: its program takes a setpoint whenever this changes.
     package: u32,
-    /// When the last answer left, and how many telegrams since the last record went without one.
-    answered: Nanos,
+    /// How many answers are on their way when a telegram comes.
+    depth: Depth,
+    /// Telegrams since the last record that went without an answer.
     missed: u32,
-    period_ns: u64,
     realtime: bool,
     note: heapless::String<NOTE_MAX>,
     extruder_failed: bool,
@@ -70,9 +70,8 @@ impl Core {
             telemetry_dropped: 0,
             record: None,
             package: 0,
-            answered: Nanos(0),
+            depth: Depth::default(),
             missed: 0,
-            period_ns: 1_000_000_000 / u64::from(cell.link.rate_hz),
             realtime,
             note: shorten(note),
             extruder_failed: false,
@@ -170,7 +169,6 @@ impl Core {
         let used = self.kernel.poll_transmit(&mut out);
         self.queue(out.get(..used).unwrap_or(&[]));
         if let Some(record) = self.record.take() {
-            self.answered = sent;
             self.say(&FromKernel::Cycle(CycleRecord { ticked_ns: ticked.0, sent_ns: sent.0, ..record }));
         }
     }
@@ -185,21 +183,23 @@ impl Core {
         self.kernel.quit();
     }
 
+    /// Whether the extruder has confirmed that it is told to stand still.
+    pub fn extruder_stands(&self) -> bool {
+        let status = self.extruder.status();
+        status.commanded == 0.0 && status.acknowledged == status.sent
+    }
+
     /// Tells the extruder to stop; the bytes are in [`Self::to_extruder`].
     pub fn stop_extruder(&mut self) {
         // Zero is a flow that every extruder takes.
         let _ = self.extruder.set_flow(0.0);
     }
 
-    /// Whether the answer before is still on its way: this process was late with it, and the robot's next telegram came
-    /// before the robot had it. Another answer now would overwrite it: a waypoint would be lost.
-    fn is_overtaken(&self, now: Nanos, state: &RobotState) -> bool {
-        state.arrived != self.package as i32 && now.since(self.answered) < self.period_ns / 2
-    }
-
     fn cycle(&mut self, now: Nanos, state: &RobotState, skipped: u32) -> Result<(), LinkError> {
         self.missed += skipped;
-        if self.is_overtaken(now, state) {
+        // This process was late with the answer before, and the robot made this telegram without it. Another answer now could
+        // overwrite that one in the robot's registers: a waypoint would be lost.
+        if self.depth.is_deeper(self.package.wrapping_sub(state.arrived as u32)) {
             self.missed += 1;
             return Ok(());
         }
@@ -271,6 +271,30 @@ impl Core {
         } else {
             self.telemetry_dropped += 1;
         }
+    }
+}
+
+/// How many answers are usually on their way when a telegram comes: none on a quick line, one or more where a round trip
+/// takes longer than a cycle. The usual is the least of the last one to two hundred telegrams.
+#[derive(Clone, Copy, Debug, Default)]
+struct Depth {
+    before: Option<u32>,
+    now: Option<u32>,
+    telegrams: u32,
+}
+
+impl Depth {
+    const WINDOW: u32 = 100;
+
+    /// Whether more answers are on their way than usual.
+    fn is_deeper(&mut self, depth: u32) -> bool {
+        self.now = Some(self.now.map_or(depth, |least| least.min(depth)));
+        self.telegrams += 1;
+        let usual = self.before.into_iter().chain(self.now).min();
+        if self.telegrams == Self::WINDOW {
+            (self.before, self.now, self.telegrams) = (self.now, None, 0);
+        }
+        usual.is_some_and(|usual| depth > usual)
     }
 }
 
