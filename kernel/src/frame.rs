@@ -56,7 +56,7 @@ pub enum ToKernel<'a> {
     Stop,
     /// Leaves a fault. A person's command: refused unless `fault` is the present fault's number.
     Rearm {
-        /// Number from [`FromKernel::Fault`] or [`Status`].
+        /// Number from [`Status::fault`].
         fault: u32,
     },
     /// Ends the real-time process, which first comes to rest.
