@@ -73,7 +73,7 @@ pub struct Tool {
 /// Where the part is built.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
-    /// The part frame (the FIM wall's placement) in the robot's base frame.
+    /// The part frame (the FIM wall's placement) in the robot's base frame: the cell file gives both in the site frame.
     pub base_from_part: Pose,
 }
 

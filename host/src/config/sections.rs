@@ -17,7 +17,7 @@ pub(super) const RATES_HZ: [i64; 2] = [125, 500];
 const REGISTER_OFFSETS: [i64; 2] = [0, 24];
 /// The robots that a cell can have.
 const ARMS: [Arm<6>; 1] = [UR10E];
-const SECTIONS: [&str; 8] = ["robot", "tool", "part", "limits", "travel", "link", "extruder", "realtime"];
+const SECTIONS: [&str; 9] = ["robot", "tool", "base", "part", "limits", "travel", "link", "extruder", "realtime"];
 
 /// The whole cell; `None` when anything was wrong, which the document then knows.
 pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
@@ -26,6 +26,7 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
     top.finish();
     let robot = robot(document);
     let tool = pose(document, "tool");
+    let base = pose(document, "base");
     let part = pose(document, "part");
     let limits = limits(document);
     let travel = travel(document);
@@ -36,7 +37,7 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
         name: name?,
         robot: robot?,
         tool: Tool { flange_from_tcp: tool? },
-        part: Part { base_from_part: part? },
+        part: Part { base_from_part: base?.inverse() * part? },
         limits: limits?,
         travel: travel?,
         link: link?,
