@@ -258,11 +258,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         }
         match next {
             Mode::Unready => self.drop_ring(),
-            Mode::Holding if matches!(event, Event::Ready) => {
-                self.drop_ring();
-                self.ring.restart();
-                self.clock = PathClock::at_rest(self.output.joints, 0);
-            }
+            Mode::Holding if matches!(event, Event::Ready) => self.begin(),
             Mode::Holding if matches!(before, Mode::Stopping { cause: StopCause::Stop }) => self.drop_ring(),
             Mode::Holding if self.clock.is_played_out() && self.ring.is_empty() => self.stand(),
             Mode::Faulted { .. } => self.drop_ring(),
@@ -279,6 +275,13 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             self.output.flow = 0.0;
         }
         true
+    }
+
+    /// An empty ring whose next setpoint is number 1, at rest where the output is.
+    fn begin(&mut self) {
+        self.output.seq = 0;
+        self.drop_ring();
+        self.ring.restart();
     }
 
     fn drop_ring(&mut self) {
@@ -376,7 +379,8 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         }
         let period = configure.period_ns as f64 * 1e-9;
         self.config = Some(Config { limits, period, following_error_max: configure.following_error_max });
-        self.change(Event::Lost);
+        // Holding, the arm stands where it was last told to: that stays its target. It is only counted anew.
+        self.begin();
         Ok(())
     }
 

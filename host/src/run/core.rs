@@ -45,6 +45,10 @@ pub struct Core {
     record: Option<CycleRecord>,
     /// Counts packages to the robot: its program takes a setpoint whenever this changes.
     package: u32,
+    /// When the last answer left, and how many telegrams since the last record went without one.
+    answered: Nanos,
+    missed: u32,
+    period_ns: u64,
     realtime: bool,
     note: heapless::String<NOTE_MAX>,
     extruder_failed: bool,
@@ -66,6 +70,9 @@ impl Core {
             telemetry_dropped: 0,
             record: None,
             package: 0,
+            answered: Nanos(0),
+            missed: 0,
+            period_ns: 1_000_000_000 / u64::from(cell.link.rate_hz),
             realtime,
             note: shorten(note),
             extruder_failed: false,
@@ -163,6 +170,7 @@ impl Core {
         let used = self.kernel.poll_transmit(&mut out);
         self.queue(out.get(..used).unwrap_or(&[]));
         if let Some(record) = self.record.take() {
+            self.answered = sent;
             self.say(&FromKernel::Cycle(CycleRecord { ticked_ns: ticked.0, sent_ns: sent.0, ..record }));
         }
     }
@@ -183,7 +191,18 @@ impl Core {
         let _ = self.extruder.set_flow(0.0);
     }
 
-    fn cycle(&mut self, now: Nanos, state: &RobotState, missed: u32) -> Result<(), LinkError> {
+    /// Whether the answer before is still on its way: this process was late with it, and the robot's next telegram came
+    /// before the robot had it. Another answer now would overwrite it: a waypoint would be lost.
+    fn is_overtaken(&self, now: Nanos, state: &RobotState) -> bool {
+        state.arrived != self.package as i32 && now.since(self.answered) < self.period_ns / 2
+    }
+
+    fn cycle(&mut self, now: Nanos, state: &RobotState, skipped: u32) -> Result<(), LinkError> {
+        self.missed += skipped;
+        if self.is_overtaken(now, state) {
+            self.missed += 1;
+            return Ok(());
+        }
         let ready = state.runtime_state == PLAYING
             && state.robot_mode == RUNNING
             && state.safety_status_bits & SAFETY_MOVING != 0
@@ -202,7 +221,7 @@ impl Core {
             ticked_ns: 0,
             sent_ns: 0,
             robot_time: state.timestamp,
-            missed,
+            missed: std::mem::take(&mut self.missed),
             seq: command.seq,
             mode: command.mode.code(),
             deposit: command.deposit,
