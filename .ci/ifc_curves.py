@@ -1,7 +1,7 @@
 """The layers' curves of a FIM model, read from its entities with IfcOpenShell and measured with numpy.
 
-Arcs, lines, polylines and B-splines; units, placements, senses and trims as ISO 16739 has them. Metres, in the frame of the
-wall. Anything else is refused. (IfcOpenShell's own conversion gives chords, and nothing for a composite curve with a spline.)
+Arcs, lines, polylines and B-splines; units, placements, senses and trims as ISO 16739 has them. Metres, in the frame of
+the wall. Anything else is refused. (IfcOpenShell's own conversion gives chords, and nothing where one curve is a spline.)
 """
 
 import math
@@ -107,8 +107,8 @@ class Spline:
         return Spline(self.degree, self.points[::-1], (self.knots[0] + self.knots[-1]) - self.knots[::-1])
 
     def project(self, points):
-        s, distance = np.zeros(len(points)), np.full(len(points), math.inf)
-        # Far points need no exact answer: the middle of the curve is as far from them, but for its length.
+        # Far points need no exact answer: they get the distance of the middle, which is wrong by half the length at most.
+        s = np.zeros(len(points))
         middle = self.at(np.array([(self.low + self.high) / 2]))[0]
         distance = np.linalg.norm(points - middle, axis=1)
         near = np.nonzero(distance <= self.length + 0.01)[0]
@@ -165,9 +165,9 @@ class Path:
 
 
 def axes(placement, scale):
-    """Origin (m) and the three axes of an IfcAxis2Placement."""
+    """Origin (m), x and y of an IfcAxis2Placement."""
     matrix = ifcopenshell.util.placement.get_axis2placement(placement)
-    return matrix[:3, 3] * scale, matrix[:3, 0], matrix[:3, 1], matrix[:3, 2]
+    return matrix[:3, 3] * scale, matrix[:3, 0], matrix[:3, 1]
 
 
 class Reader:
@@ -252,7 +252,7 @@ class Reader:
 
     def arc(self, curve):
         circle = curve.BasisCurve
-        center, x, y, _ = axes(circle.Position, self.length)
+        center, x, y = axes(circle.Position, self.length)
         angles = []
         for side in ("Trim1", "Trim2"):
             point, parameter = self.trim(curve, side)

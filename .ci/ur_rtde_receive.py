@@ -160,7 +160,8 @@ def main():
         finally:
             server.kill()
         with open(record, newline="") as file:
-            rows = {float(row["timestamp"]): [float(row[f"actual_q_{joint}"]) for joint in range(6)] for row in csv.DictReader(file)}
+            table = list(csv.DictReader(file))
+        rows = {float(row["timestamp"]): [float(row[f"actual_q_{joint}"]) for joint in range(6)] for row in table}
 
     worst = moved = 0.0
     for timestamp, q, target, pose in found:
@@ -173,7 +174,7 @@ def main():
         moved = max(moved, abs(q[0] - found[0][1][0]))
     assert worst <= TOLERANCE, f"TCP pose differs by {worst}"
     assert moved > 0.05, f"the robot moved only by {moved} rad"
-    print(f"ur_rtde {version}: {len(found)} states, joints equal, TCP pose within {worst:.1e}, joints moved {moved:.2f} rad")
+    print(f"ur_rtde {version}: {len(found)} states, joints equal, TCP pose within {worst:.1e}, moved {moved:.2f} rad")
 
 
 if __name__ == "__main__":
