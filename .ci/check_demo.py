@@ -97,7 +97,7 @@ class Cell:
     def __init__(self, path):
         cell = tomllib.loads(path.read_text())
         self.flange_from_tcp = self.pose(cell["tool"])
-        self.part_from_base = np.linalg.inv(self.pose(cell["part"]))
+        self.part_from_base = np.linalg.inv(self.pose(cell["part"])) @ self.pose(cell["base"])
         self.rate = cell["link"]["rate_hz"]
 
     @staticmethod
