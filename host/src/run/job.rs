@@ -289,7 +289,7 @@ impl Job {
         self.status = Some(status);
         self.credits_known = true;
         match (self.phase, status.mode) {
-            (Phase::Attaching, ModeCode::Faulted) => {
+            (Phase::Attaching | Phase::PlayingOut, ModeCode::Faulted) => {
                 // A status from before the command to leave the fault may still be on its way.
                 if let Some(fault) = status.fault.filter(|fault| fault.number != self.rearmed) {
                     self.phase = Phase::Faulted(fault);
@@ -297,7 +297,7 @@ impl Job {
             }
             (Phase::Faulted(_), _) => {}
             (Phase::Attaching, mode) => {
-                if status.consumed > 0 {
+                if status.consumed > 0 && status.fault.is_none() {
                     self.left_behind = Some(status);
                 }
                 if matches!(mode, ModeCode::Moving | ModeCode::Stopping) {
