@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Judges what the simulated robot received in `screed demo` and `screed print`, with nothing of Screed's own.
 
-    .ci/check_demo.py            in virtual time: the demo at 125 and 500 Hz, and the larger model
+    .ci/check_demo.py            in virtual time: the demo at 125 and 500 Hz, stops on its way, and the larger model
     .ci/check_demo.py --timed    the demo in real time at 125 and 500 Hz (four minutes each), against virtual time
 
 Needs `pip install ifcopenshell numpy` and the programs in target/release. Exit code 0: all holds. Everything is
@@ -10,6 +10,7 @@ entities of the IFC file (ifc_curves.py), frames from the cell file, the fingerp
 is shown spoilt copies of the first sound run; if it takes one of them, its word is worth nothing and it fails.
 """
 
+import contextlib
 import copy
 import csv
 import json
@@ -55,6 +56,15 @@ class Violation(Exception):
 def hold(condition, message):
     if not condition:
         raise Violation(message)
+
+
+@contextlib.contextmanager
+def about(name):
+    """Says what a violation is about."""
+    try:
+        yield
+    except Violation as violation:
+        raise Violation(f"{name}: {violation}") from None
 
 
 def forward(q):
@@ -125,7 +135,7 @@ class Run:
         record, log, table = (folder / f"{name.replace(' ', '_')}.{kind}" for kind in ("record", "log", "csv"))
         command = [PROGRAMS / "screed", *arguments, "--json", "--record", record, "--log", log]
         done = subprocess.run(command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, text=True)
-        hold(done.returncode == 0, f"exit code {done.returncode}: {done.stderr.strip()}")
+        hold(done.returncode == 0, f"{name}: exit code {done.returncode}: {done.stderr.strip()}")
         self.table = json.loads(done.stdout)
         subprocess.run([PROGRAMS / "screed", "log", log, "--csv", table], check=True)
         self.read_record(record)
@@ -324,14 +334,12 @@ def fingerprint(run, rows):
 
 def judge(run, cell, curves):
     """All of it; the figures."""
-    try:
+    with about(run.name):
         check_table(run, len(curves))
         received = Received(run)
         figures = check_motion(run, cell, received)
         figures |= check_layers(run, cell, curves, received)
         check_log(run, curves, received)
-    except Violation as violation:
-        raise Violation(f"{run.name}: {violation}") from None
     return figures | {"setpoints": len(received.seq), "late": received.late}
 
 
@@ -430,6 +438,36 @@ def show(run, figures):
     )
 
 
+def judge_stop(run, cell, curve):
+    """Asked to stop within a layer it comes to rest on the curve, within the limits, in a second, and without flow."""
+    hold(run.table["outcome"] == "stopped", f"outcome {run.table['outcome']}")
+    received = Received(run)
+    figures = check_motion(run, cell, received)
+    time = (run.mode == "stopping").sum() / run.table["rate_hz"]
+    hold(0 < time <= 1, f"{time:.3f} s to come to rest")
+    hold(np.abs(np.diff(received.joints[-2:], axis=0)).max() < 1e-6, "not at rest")
+    hold(run.flow[-1] == 0, "flow at rest")
+    place = cell.tcp(received.joints[-1:])
+    distance = min(segment.project(place)[1][0] for segment in curve.segments)
+    hold(distance <= CONTOUR, f"rests {distance:.3e} m from the curve")
+    return time, figures["acceleration"], distance
+
+
+def judge_stops(curve, cell, folder):
+    random, figures = np.random.default_rng(2023), []
+    for rate in (125, 500):
+        for instant in random.uniform(20, 75, 5):
+            name, options = f"stop at {instant:.3f} s, {rate} Hz", ["--rate", str(rate), "--for", f"{instant:.3f}"]
+            run = Run(name, ["demo", "--layers", "1", "--fast", *options], folder)
+            with about(name):
+                figures.append(judge_stop(run, cell, curve))
+    time, acceleration, distance = np.max(figures, axis=0)
+    print(
+        f"{len(figures)} stops within a layer: at rest after {time:.3f} s at most,"
+        f" acceleration {acceleration:.5f} m/s², {distance * 1e9:.3f} nm from the curve"
+    )
+
+
 def judge_demo(timed, folder):
     """The demo at both rates."""
     model = folder / "model.ifc"
@@ -448,6 +486,8 @@ def judge_demo(timed, folder):
             show(run, judge(run, cell, curves))
             hashes = run.table["hash"], fast.table["hash"]
             hold(hashes[0] == hashes[1], f"{rate} Hz: hash {hashes[0]} in real time, {hashes[1]} in virtual time")
+    if not timed:
+        judge_stops(curves[0], cell, folder)
 
 
 def judge_larger_model(folder):
