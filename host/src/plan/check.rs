@@ -2,8 +2,8 @@
 
 use super::error::JointQuantity;
 use super::stream::Setpoint;
-use super::tooling::JOINT_QUANTUM;
 use crate::config::Robot;
+use screed_kernel::setpoint::JOINT_QUANTUM;
 use screed_kernel::units::JointPos;
 
 /// A joint limit that a setpoint breaks.

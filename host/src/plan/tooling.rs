@@ -6,11 +6,8 @@ use nalgebra::{Matrix3, Vector3};
 use screed_kernel::arm::Arm;
 use screed_kernel::ik::{IkError, ur};
 use screed_kernel::pose::Pose;
+use screed_kernel::setpoint::joint_on_grid;
 use screed_kernel::units::JointPos;
-
-/// Joints are multiples of this (rad): 2⁻³⁶, 0.015 nrad, at arm's length 0.02 nm. Numbers on a grid survive being sent,
-/// added and compared without a last bit that differs.
-pub const JOINT_QUANTUM: f64 = 1.0 / (1u64 << 36) as f64;
 
 /// The arm, its tool, and where the part lies.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,7 +68,8 @@ impl Tooling {
     }
 }
 
-/// The joints on the grid of [`JOINT_QUANTUM`].
+/// The joints on the kernel's grid ([`joint_on_grid`]): numbers on a grid survive being sent, added and compared without a
+/// last bit that differs.
 pub fn on_grid(joints: &JointPos<6>) -> JointPos<6> {
-    JointPos(joints.0.map(|joint| (joint / JOINT_QUANTUM).round_ties_even() * JOINT_QUANTUM))
+    JointPos(joints.0.map(joint_on_grid))
 }

@@ -106,6 +106,9 @@ pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
         );
     }
     let mut session = Session::new(print.cell, print.model, print.wishes.clone(), log);
+    stream.set_nonblocking(true).map_err(|error| {
+        Failure::new(Exit::Link, format!("the socket of screed-rt cannot be used: {error}"), "start it again")
+    })?;
     let mut driver = Driver { stream, started: Instant::now(), shown: None, terminal: io::stderr().is_terminal() };
     let result = driver.drive(&mut session, print);
     if process.is_some() {
@@ -195,7 +198,6 @@ impl Driver {
         let mut line = libc::pollfd { fd: self.stream.as_raw_fd(), events: libc::POLLIN, revents: 0 };
         // SAFETY: one entry, which outlives the call.
         unsafe { libc::poll(&raw mut line, 1, 5) };
-        self.stream.set_nonblocking(true).map_err(|_| gone())?;
         let mut bytes = [0; 65536];
         match self.stream.read(&mut bytes) {
             Ok(0) => return Err(gone()),

@@ -238,8 +238,9 @@ impl Process {
             self.hear_robot()?;
             self.core.on_time(self.now())?;
             self.exchange_extruder();
-            self.host.accept(&mut self.core);
+            // In this order: a host that has just gone makes room for the next.
             self.host.exchange(&mut self.core);
+            self.host.accept(&mut self.core);
             let idle = self.host.stream.is_none()
                 && exit_when_idle.is_some_and(|limit| self.host.idle_since.elapsed().as_secs() >= limit);
             if (signal::stop_requested() || idle) && !ending {
