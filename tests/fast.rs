@@ -26,6 +26,7 @@ fn demo(rate_hz: u32) -> Demo {
         program: None,
         log: None,
         record: None,
+        record_extruder: None,
         quiet: true,
     }
 }

@@ -45,6 +45,10 @@ pub struct Core {
     record: Option<CycleRecord>,
     /// Counts packages to the robot: its program takes a setpoint whenever this changes.
     package: u32,
+    /// How many answers are on their way when a telegram comes.
+    depth: Depth,
+    /// Telegrams since the last record that went without an answer.
+    missed: u32,
     realtime: bool,
     note: heapless::String<NOTE_MAX>,
     extruder_failed: bool,
@@ -66,6 +70,8 @@ impl Core {
             telemetry_dropped: 0,
             record: None,
             package: 0,
+            depth: Depth::default(),
+            missed: 0,
             realtime,
             note: shorten(note),
             extruder_failed: false,
@@ -177,13 +183,26 @@ impl Core {
         self.kernel.quit();
     }
 
+    /// Whether the extruder has confirmed that it is told to stand still.
+    pub fn extruder_stands(&self) -> bool {
+        let status = self.extruder.status();
+        status.commanded == 0.0 && status.acknowledged == status.sent
+    }
+
     /// Tells the extruder to stop; the bytes are in [`Self::to_extruder`].
     pub fn stop_extruder(&mut self) {
         // Zero is a flow that every extruder takes.
         let _ = self.extruder.set_flow(0.0);
     }
 
-    fn cycle(&mut self, now: Nanos, state: &RobotState, missed: u32) -> Result<(), LinkError> {
+    fn cycle(&mut self, now: Nanos, state: &RobotState, skipped: u32) -> Result<(), LinkError> {
+        self.missed += skipped;
+        // This process was late with the answer before, and the robot made this telegram without it. Another answer now could
+        // overwrite that one in the robot's registers: a waypoint would be lost.
+        if self.depth.is_deeper(self.package.wrapping_sub(state.arrived as u32)) {
+            self.missed += 1;
+            return Ok(());
+        }
         let ready = state.runtime_state == PLAYING
             && state.robot_mode == RUNNING
             && state.safety_status_bits & SAFETY_MOVING != 0
@@ -202,7 +221,7 @@ impl Core {
             ticked_ns: 0,
             sent_ns: 0,
             robot_time: state.timestamp,
-            missed,
+            missed: std::mem::take(&mut self.missed),
             seq: command.seq,
             mode: command.mode.code(),
             deposit: command.deposit,
@@ -252,6 +271,30 @@ impl Core {
         } else {
             self.telemetry_dropped += 1;
         }
+    }
+}
+
+/// How many answers are usually on their way when a telegram comes: none on a quick line, one or more where a round trip
+/// takes longer than a cycle. The usual is the least of the last one to two hundred telegrams.
+#[derive(Clone, Copy, Debug, Default)]
+struct Depth {
+    before: Option<u32>,
+    now: Option<u32>,
+    telegrams: u32,
+}
+
+impl Depth {
+    const WINDOW: u32 = 100;
+
+    /// Whether more answers are on their way than usual.
+    fn is_deeper(&mut self, depth: u32) -> bool {
+        self.now = Some(self.now.map_or(depth, |least| least.min(depth)));
+        self.telegrams += 1;
+        let usual = self.before.into_iter().chain(self.now).min();
+        if self.telegrams == Self::WINDOW {
+            (self.before, self.now, self.telegrams) = (self.now, None, 0);
+        }
+        usual.is_some_and(|usual| depth > usual)
     }
 }
 

@@ -39,7 +39,9 @@ pub struct Demo {
     pub log: Option<PathBuf>,
     /// Where to write what the robot received, a row a cycle.
     pub record: Option<PathBuf>,
-    /// Whether progress is shown.
+    /// Where to write what the extruder was told and did (not in virtual time).
+    pub record_extruder: Option<PathBuf>,
+    /// Whether no progress is shown.
     pub quiet: bool,
 }
 
@@ -92,7 +94,8 @@ impl Demo {
         let mut robot = Process::spawn("the simulated robot", robot)?;
         let address = announced(&robot.first_line()?, "listening")?;
 
-        let extruder = children::screed(["sim", "extruder", "--json", "--exit-when-idle", "60"])?;
+        let mut extruder = children::screed(["sim", "extruder", "--json", "--exit-when-idle", "60"])?;
+        extruder.args(self.record_extruder.iter().flat_map(|path| [Path::new("--record"), path]));
         let mut extruder = Process::spawn("the simulated extruder", extruder)?;
         let device = announced(&extruder.first_line()?, "device")?;
 

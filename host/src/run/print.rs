@@ -42,6 +42,7 @@ pub struct Print<'a> {
 pub struct Attached {
     stream: UnixStream,
     process: Option<Process>,
+    socket: PathBuf,
 }
 
 /// Attaches to the `screed-rt` that answers at `socket`, or starts it with `command`.
@@ -50,7 +51,7 @@ pub struct Attached {
 /// [`Failure`] with what `screed-rt` said, if it ended.
 pub fn attach(socket: &Path, command: Option<Command>) -> Result<Attached, Failure> {
     if let Ok(stream) = UnixStream::connect(socket) {
-        return Ok(Attached { stream, process: None });
+        return Ok(Attached { stream, process: None, socket: socket.to_owned() });
     }
     let Some(command) = command else {
         let message = format!("no screed-rt answers at {}", socket.display());
@@ -61,7 +62,7 @@ pub fn attach(socket: &Path, command: Option<Command>) -> Result<Attached, Failu
     loop {
         process.check()?;
         if let Ok(stream) = UnixStream::connect(socket) {
-            return Ok(Attached { stream, process: Some(process) });
+            return Ok(Attached { stream, process: Some(process), socket: socket.to_owned() });
         }
         if Instant::now() > until {
             let message = format!("screed-rt does not answer at {}", socket.display());
@@ -97,8 +98,17 @@ pub fn open_log(print: &Print<'_>) -> Result<Option<LogWriter>, Failure> {
 /// [`Failure`]; the ring then still plays to its end, and the arm rests on its path.
 pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
     let log = open_log(print)?;
-    let Attached { stream, process } = attached;
+    let Attached { stream, process, socket } = attached;
+    if !print.quiet {
+        eprintln!(
+            "screed-rt answers at {}; should this program be lost, attach another with --attach",
+            socket.display()
+        );
+    }
     let mut session = Session::new(print.cell, print.model, print.wishes.clone(), log);
+    stream.set_nonblocking(true).map_err(|error| {
+        Failure::new(Exit::Link, format!("the socket of screed-rt cannot be used: {error}"), "start it again")
+    })?;
     let mut driver = Driver { stream, started: Instant::now(), shown: None, terminal: io::stderr().is_terminal() };
     let result = driver.drive(&mut session, print);
     if process.is_some() {
@@ -188,7 +198,6 @@ impl Driver {
         let mut line = libc::pollfd { fd: self.stream.as_raw_fd(), events: libc::POLLIN, revents: 0 };
         // SAFETY: one entry, which outlives the call.
         unsafe { libc::poll(&raw mut line, 1, 5) };
-        self.stream.set_nonblocking(true).map_err(|_| gone())?;
         let mut bytes = [0; 65536];
         match self.stream.read(&mut bytes) {
             Ok(0) => return Err(gone()),
@@ -209,6 +218,9 @@ impl Driver {
     fn ask(&mut self, session: &mut Session<'_>, print: &Print<'_>) -> Option<Receiver<bool>> {
         if let Some(plan) = session.plan() {
             let approach = plan.approach();
+            if approach.lifted {
+                eprintln!("the tool is first lifted straight up to the travel height");
+            }
             eprintln!("approach, joints in degrees:");
             eprintln!("  from {}", degrees(&approach.from));
             eprintln!("  to   {}", degrees(&approach.to));

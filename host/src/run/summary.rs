@@ -83,6 +83,9 @@ impl fmt::Display for Summary {
         row("volume", &format!("{:.3} l", figures.volume_m3 * 1e3))?;
         row("waypoints planned / sent", &format!("{} / {}", self.planned, figures.sent))?;
         row("waypoints doubled / skipped", &format!("{} / {}", figures.doubled, figures.skipped))?;
+        if figures.unrecorded > 0 {
+            row("cycles this program failed to record", &figures.unrecorded.to_string())?;
+        }
         let stalls = format!("{} of {}, longest {:.1} ms", figures.stalls, figures.cycles, figures.stall_max_s * 1e3);
         row("cycles this machine began late", &stalls)?;
         row("commanded path against the IFC curves", &spread(&figures.commanded_contour))?;
