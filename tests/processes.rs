@@ -252,6 +252,50 @@ fn a_print_against_machines_started_by_hand_is_told_what_is_wrong_with_them() {
     extruder.wait().unwrap();
 }
 
+#[test]
+fn a_fault_stays_until_a_person_leaves_it() {
+    let scene = Scene::new();
+    let (model, cell, program) = (scene.path("wall.ifc"), scene.path("cell.toml"), scene.path("robot.script"));
+    fs::write(&model, quarter_circle(&QuarterCircle::default())).unwrap();
+    fs::write(&cell, Cell::demo_text(125).unwrap()).unwrap();
+    let text = screed::run::demo::program(&Cell::demo(125).unwrap()).unwrap();
+    let without: Vec<&str> = text.lines().filter(|line| !line.contains("servoj(")).collect();
+    fs::write(&program, without.join("\n") + "\n").unwrap();
+    let mut robot = scene.screed(&["sim", "ur", "--port", "0", "--json", "--program"]);
+    let mut robot = robot.arg(&program).arg("--cell").arg(&cell).spawn().unwrap();
+    let mut extruder = scene.screed(&["sim", "extruder", "--json", "--record"]);
+    let mut extruder = extruder.arg(scene.path("extruder.csv")).spawn().unwrap();
+    let (address, device) = (announced(&mut robot, "listening"), announced(&mut extruder, "device"));
+    let socket = scene.path("rt.sock");
+    let mut process = Command::new(env!("CARGO_BIN_EXE_screed-rt"));
+    process.arg("--cell").arg(&cell).arg("--socket").arg(&socket);
+    let mut process = process.args(["--robot", &address, "--extruder", &device]).spawn().unwrap();
+    while !socket.exists() {
+        thread::sleep(Duration::from_millis(10));
+    }
+    let print = |more: &[&str]| {
+        let mut command = scene.screed(&["print"]);
+        let command = command.args(more).arg("--attach").arg(&socket).arg(&model).arg("--cell").arg(&cell);
+        finished(command.spawn().unwrap())
+    };
+    let (code, _, error) = print(&["--yes"]);
+    assert!(code == Some(5) && error.contains("K1") && error.contains("does not follow"), "{error}");
+    // Nobody answers the question: the fault stays.
+    let (code, _, error) = print(&[]);
+    assert!(code == Some(1) && error.contains("stands in fault 1") && error.contains("not confirmed"), "{error}");
+    // Left and tried again, it is the second fault.
+    let (code, _, error) = print(&["--yes"]);
+    assert!(code == Some(5) && error.contains("stands in fault 1") && error.contains("K1"), "{error}");
+    let (_, _, error) = print(&[]);
+    assert!(error.contains("stands in fault 2"), "{error}");
+    signal(process.id() as i32, "TERM");
+    process.wait().unwrap();
+    for machine in [&mut robot, &mut extruder] {
+        signal(machine.id() as i32, "TERM");
+        machine.wait().unwrap();
+    }
+}
+
 /// What a simulated machine says in its first line.
 fn announced(child: &mut Child, key: &str) -> String {
     let mut line = Vec::new();

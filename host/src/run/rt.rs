@@ -236,8 +236,8 @@ impl Process {
             self.send_to_robot()?;
             self.wait()?;
             self.hear_robot()?;
-            self.core.on_time(self.now())?;
             self.exchange_extruder();
+            self.core.on_time(self.now())?;
             // In this order: a host that has just gone makes room for the next.
             self.host.exchange(&mut self.core);
             self.host.accept(&mut self.core);

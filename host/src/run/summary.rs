@@ -78,8 +78,8 @@ impl fmt::Display for Summary {
             row("", &self.scheduling_note)?;
         }
         row("outcome", self.outcome)?;
-        row("path on the layers", &format!("{:.3} m in {:.2} s", self.path_length_m, self.layer_time_s))?;
-        row("approach and between layers", &format!("{:.2} s", self.between_time_s))?;
+        row("planned path on the layers", &format!("{:.3} m in {:.2} s", self.path_length_m, self.layer_time_s))?;
+        row("planned approach and between layers", &format!("{:.2} s", self.between_time_s))?;
         row("volume", &format!("{:.3} l", figures.volume_m3 * 1e3))?;
         row("waypoints planned / sent", &format!("{} / {}", self.planned, figures.sent))?;
         row("waypoints doubled / skipped", &format!("{} / {}", figures.doubled, figures.skipped))?;
