@@ -158,7 +158,7 @@ pub enum PlanError {
         why: IkError,
     },
     /// The kernel would not take the cell's limits.
-    #[error("the kernel would refuse the limits of the cell file: {0:?}; correct them")]
+    #[error("the kernel would refuse the cell file: {}; correct it", crate::run::words::refusal(.0))]
     Refused(Refusal),
     /// A joint would have to be where it must not.
     #[error(

@@ -410,7 +410,10 @@ impl Job {
 }
 
 /// A batch as the frames of its parts.
-fn frames(number: u32, batch: &Batch) -> Result<Vec<u8>, JobError> {
+///
+/// # Errors
+/// [`JobError::Code`] when a setpoint is not finite or beyond the grid.
+pub fn frames(number: u32, batch: &Batch) -> Result<Vec<u8>, JobError> {
     let mut frames = Vec::new();
     let mut coder = Coder::new();
     let mut code = [0; CODE_MAX];

@@ -3,7 +3,7 @@
 use super::{Bench, Random, configure};
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::fault::Fault;
-use screed_kernel::frame::{Configure, ModeCode, Refusal, ToKernel};
+use screed_kernel::frame::{self, Configure, ModeCode, Refusal, ToKernel};
 use screed_kernel::guard::{Motion, Periods, output_least};
 use screed_kernel::ramp::{Ramp, RampLimits};
 use screed_kernel::setpoint::{JOINT_QUANTUM, Setpoint, flow_on_grid, joint_on_grid};
@@ -110,7 +110,6 @@ impl Source {
 
 /// One program.
 struct Program {
-    seed: u64,
     random: Random,
     bench: Bench<CAP>,
     judge: Judge,
@@ -141,7 +140,6 @@ impl Program {
             used: [0.0; 3],
         };
         Self {
-            seed,
             random,
             epoch: bench.status().epoch,
             bench,
@@ -176,7 +174,7 @@ impl Program {
     fn see(&mut self, command: &Command<2>) {
         self.judge.see(command);
         if let Some(fault) = command.mode.fault() {
-            assert!(!matches!(fault, Fault::Output { .. }), "seed {}: the last gate had to hold: {fault:?}", self.seed);
+            assert!(!matches!(fault, Fault::Output { .. }), "the last gate had to hold: {fault:?}");
         }
         let moving = matches!(command.mode.code(), ModeCode::Moving | ModeCode::Stopping);
         let index = (command.seq as usize).wrapping_sub(self.base.0 as usize + 1);
@@ -241,20 +239,15 @@ impl Program {
         let spoilt = self.random.below(8) == 0 && self.spoil(&mut frames);
         for frame in &frames {
             let split = self.random.below(frame.len() as u64) as usize;
-            for piece in [&frame[..split], &frame[split..]] {
-                let mut taken = self.bench.kernel.receive(piece);
-                while taken < piece.len() {
-                    self.tick();
-                    taken += self.bench.kernel.receive(&piece[taken..]);
-                }
-            }
+            self.send(&frame[..split]);
+            self.send(&frame[split..]);
             if self.random.below(4) == 0 {
                 self.tick();
             }
         }
         if spoilt {
             // A garbled end would take the next frame with it.
-            self.bench.send(&[0]);
+            self.send(&[0]);
         }
         self.bench.listen();
         let answer = self.bench.answer();
@@ -271,12 +264,26 @@ impl Program {
                 let excused = matches!(reason, Refusal::TooLate | Refusal::Full | Refusal::Mode)
                     || (reason == Refusal::Sequence && !same_ring);
                 let now = self.bench.status();
-                assert!(excused, "seed {}: a good batch was refused: {reason:?}, {status:?}, {now:?}", self.seed);
+                assert!(excused, "a good batch was refused: {reason:?}, {status:?}, {now:?}");
             }
             Some(Err(_)) => self.ran[1] += 1,
             None => assert!(spoilt, "no answer"),
         }
         self.bench.answers.clear();
+    }
+
+    fn send(&mut self, bytes: &[u8]) {
+        let mut taken = self.bench.kernel.receive(bytes);
+        while taken < bytes.len() {
+            self.tick();
+            taken += self.bench.kernel.receive(&bytes[taken..]);
+        }
+    }
+
+    fn say(&mut self, message: &ToKernel) {
+        let mut out = [0; frame::WIRE_MAX];
+        let used = frame::encode(message, &mut out).unwrap();
+        self.send(&out[..used]);
     }
 
     /// Loses, doubles or garbles one frame.
@@ -302,11 +309,11 @@ impl Program {
                 5 => self.send_batch(false),
                 6 => {
                     let rate = [0.0, 1.0, self.random.between(0.2, 1.0)][self.random.below(3) as usize];
-                    self.bench.say(&ToKernel::Rate(rate));
+                    self.say(&ToKernel::Rate(rate));
                 }
-                7 => self.bench.say(&ToKernel::Hold),
-                8..=11 => self.bench.resume(),
-                12 => self.bench.say(&ToKernel::Stop),
+                7 => self.say(&ToKernel::Hold),
+                8..=11 => self.say(&ToKernel::Resume { epoch: self.bench.status().epoch }),
+                12 => self.say(&ToKernel::Stop),
                 13 => self.disturb(),
                 14 if self.correction.is_some() => self.correction = None,
                 14 if self.last.correction == JointPos::ZERO && self.last.mode.fault().is_none() => {
@@ -358,9 +365,9 @@ impl Program {
         if self.bench.status().mode != ModeCode::Faulted || self.random.below(2) == 0 {
             return;
         }
-        self.bench.say(&ToKernel::Rearm { fault: report.number + 1 });
+        self.say(&ToKernel::Rearm { fault: report.number + 1 });
         assert_eq!(self.bench.status().mode, ModeCode::Faulted);
-        self.bench.say(&ToKernel::Rearm { fault: report.number });
+        self.say(&ToKernel::Rearm { fault: report.number });
         assert_eq!(self.bench.status().mode, ModeCode::Unready);
         self.judge.last = None;
         self.tick();
@@ -371,6 +378,8 @@ impl Program {
         for stop in [false, true] {
             let (mut bench, mut judge) = (self.bench.clone(), self.judge.clone());
             bench.sensors.correction = None;
+            // With a fresh budget the stop is heard at once.
+            judge.see(&bench.tick());
             if stop {
                 bench.say(&ToKernel::Stop);
             }
@@ -401,7 +410,8 @@ pub fn programs(seeds: std::ops::Range<u64>) {
     let (mut used, mut ran) = ([0.0_f64; 3], [0_u32; 12]);
     for seed in seeds {
         let mut program = Program::new(seed);
-        program.run(25);
+        let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| program.run(25)));
+        assert!(ended.is_ok(), "the program of seed {seed}");
         used = std::array::from_fn(|k| used[k].max(program.judge.used[k]));
         ran = std::array::from_fn(|k| ran[k] + program.ran[k]);
     }
