@@ -103,6 +103,8 @@ impl<const N: usize> Coder<N> {
         };
         let mut used = 1;
         for (history, position) in self.joints.iter_mut().zip(&mut setpoint.joints.0) {
+            #[cfg(test)]
+            crate::steps::count();
             let (residual, length) = take_varint(bytes.get(used..).unwrap_or(&[]))?;
             used += length;
             let index = on_grid(predict(history, self.seen), residual)?;
@@ -172,6 +174,8 @@ fn put_varint(value: i64, out: &mut [u8]) -> Result<usize, CodeError> {
 fn take_varint(bytes: &[u8]) -> Result<(i64, usize), CodeError> {
     let mut value = 0_u64;
     for (used, &byte) in bytes.iter().enumerate().take(10) {
+        #[cfg(test)]
+        crate::steps::count();
         let shift = 7 * used as u32;
         let low = u64::from(byte & 0x7f);
         if shift == 63 && low > 1 {
