@@ -175,9 +175,8 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         if let (Some(out), Some(waiting)) = (out.get_mut(..count), outbox.get(..count)) {
             out.copy_from_slice(waiting);
         }
-        let rest = outbox.len() - count;
-        outbox.rotate_left(count);
-        outbox.truncate(rest);
+        outbox.copy_within(count.., 0);
+        outbox.truncate(outbox.len() - count);
         count
     }
 
