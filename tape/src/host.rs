@@ -266,7 +266,7 @@ impl Host {
             0 => status.consumed.saturating_sub(self.random.below(10)),
             _ => status.consumed.saturating_add(self.random.below(plan.samples)),
         };
-        let after = after.clamp(plan.first_seq, plan.first_seq.saturating_add(plan.len()));
+        let after = after.clamp(plan.first_seq, plan.first_seq.saturating_add(plan.count()));
         let kept = after - plan.first_seq + 1;
         let over = 150 + self.random.below(300);
         let brakes = plan.brake.is_none() && kept + over / 2 < plan.samples && !self.random.once_in(3);
@@ -280,8 +280,8 @@ impl Host {
         let mut used = 0;
         let first = sending.next;
         let last = match sending.spoil {
-            Spoil::Cut => sending.motion.len() / 2,
-            _ => sending.motion.len(),
+            Spoil::Cut => sending.motion.count() / 2,
+            _ => sending.motion.count(),
         };
         let until = last.min(first.saturating_add(20 + self.random.below(50)));
         while sending.next <= until {

@@ -39,19 +39,19 @@ pub struct Motion {
 const STILL: u32 = 3;
 
 impl Motion {
-    /// Count of samples, those that stand still included.
-    pub fn len(&self) -> u32 {
+    /// Samples, those that stand still included.
+    pub fn count(&self) -> u32 {
         self.brake.map_or(self.samples, |(from, over)| from + over) + STILL
     }
 
     /// Where it ends at rest.
     pub fn end(&self) -> JointPos<JOINTS> {
-        self.sample(self.len()).joints
+        self.sample(self.count()).joints
     }
 
     /// The sample with this number, 1 for the first.
     pub fn sample(&self, number: u32) -> Setpoint<JOINTS> {
-        let last = self.len() - STILL;
+        let last = self.count() - STILL;
         let number = number.min(last);
         let time = match self.brake {
             // Speed falls from 1 to 0 over `over` samples: u − u³ + u⁴/2 has slope 1 and 0, and no curvature at either end.
