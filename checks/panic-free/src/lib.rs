@@ -5,16 +5,19 @@
 //! value and every byte, not only for those that a run would reach.
 #![no_std]
 
+use core::mem::MaybeUninit;
 use nalgebra::Vector3;
 use screed_kernel::arm::Arm;
 use screed_kernel::arms::ur::UR10E;
+use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::fault::Fault;
-use screed_kernel::frame::{self, FrameError, FromKernel, Status, ToKernel};
+use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
+use screed_kernel::guard::{Motion, Periods, output_least};
 use screed_kernel::ik::{self, Branches, IkError};
 use screed_kernel::pose::Pose;
 use screed_kernel::setpoint::{self, CodeError, Coder, Setpoint};
 use screed_kernel::tick::{Command, Kernel, Sensors};
-use screed_kernel::units::JointPos;
+use screed_kernel::units::{JointPos, Nanos};
 
 /// The kernel of an N-joint arm, all of its public functions; the names differ by N.
 macro_rules! kernel_roots {
@@ -25,8 +28,8 @@ macro_rules! kernel_roots {
 
             /// [`Kernel::new`]
             #[unsafe(export_name = concat!("root_new_", $joints))]
-            pub fn new(kernel: &mut Kernel<$joints, 4096>) {
-                *kernel = Kernel::new();
+            pub fn new(kernel: &mut MaybeUninit<Kernel<$joints, 4096>>, arm: &Arm<$joints>) {
+                kernel.write(Kernel::new(arm));
             }
 
             /// [`Kernel::receive`]: every message, broken and whole.
@@ -37,8 +40,12 @@ macro_rules! kernel_roots {
 
             /// [`Kernel::tick`]: every mode.
             #[unsafe(export_name = concat!("root_tick_", $joints))]
-            pub fn tick(kernel: &mut Kernel<$joints, 4096>, sensors: &Sensors<$joints>) -> Command<$joints> {
-                kernel.tick(sensors)
+            pub fn tick(
+                kernel: &mut Kernel<$joints, 4096>,
+                now: Nanos,
+                sensors: &Sensors<$joints>,
+            ) -> Command<$joints> {
+                kernel.tick(now, sensors)
             }
 
             /// [`Kernel::poll_transmit`]
@@ -67,6 +74,17 @@ macro_rules! kernel_roots {
                 bytes: &mut [u8],
             ) -> (Result<usize, CodeError>, Result<(Setpoint<$joints>, usize), CodeError>) {
                 (coder.encode(setpoint, bytes), coder.decode(bytes))
+            }
+
+            /// What a host needs to make a configuration.
+            #[unsafe(export_name = concat!("root_limits_", $joints))]
+            pub fn limits(
+                plan: &Motion<$joints>,
+                periods: Periods,
+                correction: &CorrectionLimits,
+            ) -> (MotionLimits, Motion<$joints>) {
+                let least = output_least(plan, periods, correction);
+                (MotionLimits::from(&least), least)
             }
 
             /// [`Arm::forward`]
