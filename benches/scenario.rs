@@ -2,10 +2,11 @@
 //! it runs, so that a profiler's counts can be matched to them.
 
 use screed_kernel::frame::{self, BatchPart, FRAME_MAX, ModeCode, ToKernel, WIRE_MAX};
+use screed_kernel::ramp::{Ramp, RampLimits};
 use screed_kernel::setpoint::{Coder, Setpoint};
-use screed_kernel::tick::{Command, RECEIVE_MAX};
-use screed_kernel::units::JointPos;
-use screed_tape::cell::{self, TapeKernel};
+use screed_kernel::tick::{Command, RECEIVE_MAX, Sensors};
+use screed_kernel::units::{JointPos, Nanos};
+use screed_tape::cell::{self, SAMPLES_NS, TICK_NS, TapeKernel};
 use screed_tape::motion::{JOINTS, Motion, Shape};
 use screed_tape::{SEED, Tape};
 
@@ -23,6 +24,7 @@ pub struct Call {
 /// The three functions of the kernel, each in a frame of its own that a profiler can find by name.
 pub mod measured {
     use screed_kernel::tick::{Command, Sensors};
+    use screed_kernel::units::Nanos;
     use screed_tape::cell::TapeKernel;
     use screed_tape::motion::JOINTS;
 
@@ -34,8 +36,8 @@ pub mod measured {
 
     /// [`screed_kernel::tick::Kernel::tick`]
     #[inline(never)]
-    pub fn tick(kernel: &mut TapeKernel, sensors: &Sensors<JOINTS>) -> Command<JOINTS> {
-        kernel.tick(sensors)
+    pub fn tick(kernel: &mut TapeKernel, now: Nanos, sensors: &Sensors<JOINTS>) -> Command<JOINTS> {
+        kernel.tick(now, sensors)
     }
 
     /// [`screed_kernel::tick::Kernel::poll_transmit`]
@@ -48,21 +50,17 @@ pub mod measured {
 /// A kernel with a robot that follows perfectly, and the list of what was called.
 pub struct Scenario {
     kernel: Box<TapeKernel>,
+    now: Nanos,
     actual: JointPos<JOINTS>,
     calls: Vec<Call>,
 }
 
 /// Setpoints in a frame, as the host packs them.
-const PER_PART: u32 = 60;
+const PER_PART: usize = 38;
 
 /// Runs all of it.
 pub fn run() -> Vec<Call> {
-    let mut scenario = Scenario {
-        kernel: Box::new(cell::kernel()),
-        actual: JointPos([0.1, -0.7, 0.9, -0.4, 0.6, 0.2]),
-        calls: vec![],
-    };
-    scenario.say(&ToKernel::Configure(cell::configure()));
+    let mut scenario = Scenario::new(SAMPLES_NS[0]);
     scenario.ticks("holding", 200);
     scenario.motion(1.0);
     scenario.ticks("motion at 100 %", 1000);
@@ -71,35 +69,71 @@ pub fn run() -> Vec<Call> {
     scenario.ticks("motion interpolated", 1000);
     scenario.say(&ToKernel::Stop);
     scenario.ticks("stopping", 600);
-    scenario.ticks("holding", 200);
     scenario.fault();
+    scenario.corrected();
     scenario.full_budgets();
-    scenario.tape(20_000);
-    scenario.calls
+    let mut calls = scenario.calls;
+    let mut slower = Scenario::new(SAMPLES_NS[2]);
+    slower.motion(1.0);
+    slower.ticks("motion interpolated", 2000);
+    calls.append(&mut slower.calls);
+    slower.tape(20_000);
+    calls.append(&mut slower.calls);
+    calls
 }
 
-/// Plays motions at 100 % without measuring calls: so many ticks in so many calls of whole cycles. For a wall clock.
+/// Plays motions at 100 %, so many cycles in all, without keeping what was called. For a wall clock.
 pub fn stream(cycles: u32) {
-    let mut scenario = Scenario { kernel: Box::new(cell::kernel()), actual: JointPos([0.1; JOINTS]), calls: vec![] };
-    scenario.say(&ToKernel::Configure(cell::configure()));
-    let sensors = cell::sensors(scenario.actual, true);
-    scenario.kernel.tick(&sensors);
+    let mut scenario = Scenario::new(SAMPLES_NS[0]);
     let mut out = [0; 256];
-    let mut done = 0;
-    while done < cycles {
-        scenario.motion(1.0);
-        scenario.calls.clear();
-        for _ in 0..1100 {
-            let sensors = cell::sensors(scenario.actual, true);
-            let command = measured::tick(&mut scenario.kernel, &sensors);
-            scenario.follow(&command);
-            measured::transmit(&mut scenario.kernel, &mut out);
-            done += 1;
+    for cycle in 0..cycles {
+        if cycle.is_multiple_of(1100) {
+            scenario.motion(1.0);
+            scenario.calls.clear();
         }
+        let command = scenario.cycle(scenario.actual, None);
+        scenario.follow(&command);
+        measured::transmit(&mut scenario.kernel, &mut out);
     }
 }
 
 impl Scenario {
+    /// Configured for setpoints so far apart, and holding.
+    fn new(sample_ns: u64) -> Self {
+        let actual = JointPos([0.1, -0.7, 0.9, -0.4, 0.6, 0.2]);
+        let mut scenario = Self { kernel: Box::new(cell::kernel()), now: Nanos(0), actual, calls: vec![] };
+        scenario.say(&ToKernel::Configure(cell::configure(sample_ns)));
+        scenario.ticks("holding", 10);
+        scenario
+    }
+
+    /// One measured tick with these sensors.
+    fn cycle(&mut self, actual: JointPos<JOINTS>, correction: Option<JointPos<JOINTS>>) -> Command<JOINTS> {
+        self.now = self.now.plus(TICK_NS);
+        let sensors = Sensors { correction, estimate: correction.map(|_| actual), ..cell::sensors(actual, true) };
+        measured::tick(&mut self.kernel, self.now, &sensors)
+    }
+
+    /// A motion with an estimate and a correction that grows as fast as it may.
+    fn corrected(&mut self) {
+        self.motion(0.73);
+        let limits = RampLimits {
+            slope_max: 0.9 * cell::CORRECTION.velocity_max,
+            curvature_max: 0.9 * cell::CORRECTION.acceleration_max,
+        };
+        let mut ramp = Ramp::at(0.0);
+        for k in 1..=600 {
+            ramp.step(0.9 * cell::CORRECTION.size_max, &limits, TICK_NS as f64 * 1e-9);
+            let command = self.cycle(self.actual, Some(JointPos([ramp.value; JOINTS])));
+            self.calls.push(Call { class: "motion corrected", what: format!("tick {k}"), bytes: 0 });
+            self.follow(&command);
+            self.transmit();
+        }
+        assert!(self.kernel.status().fault.is_none(), "the scenario's correction is not taken");
+        self.say(&ToKernel::Stop);
+        self.ticks("stopping", 1000);
+    }
+
     fn receive(&mut self, class: &'static str, what: &str, bytes: &[u8]) {
         let taken = measured::receive(&mut self.kernel, bytes);
         self.calls.push(Call { class, what: what.to_owned(), bytes: taken });
@@ -112,8 +146,7 @@ impl Scenario {
     }
 
     fn tick(&mut self, class: &'static str, what: &str) {
-        let sensors = cell::sensors(self.actual, true);
-        let command = measured::tick(&mut self.kernel, &sensors);
+        let command = self.cycle(self.actual, None);
         self.calls.push(Call { class, what: what.to_owned(), bytes: 0 });
         self.follow(&command);
         self.transmit();
@@ -148,7 +181,7 @@ impl Scenario {
         let first_seq = status.end_seq + 1;
         let motion = Motion { start, goal, shape: Shape::Sweep, samples: 1000, brake: None, flow: 2e-5, first_seq };
         let setpoints: Vec<_> = (1..=motion.count()).map(|k| motion.sample(k)).collect();
-        for part in parts(first_seq, &setpoints, PER_PART as usize) {
+        for part in parts(first_seq, &setpoints, PER_PART) {
             self.receive("batch frame in", &format!("{PER_PART} setpoints a frame"), &part);
             self.tick("holding", "while a batch comes in");
         }
@@ -166,8 +199,7 @@ impl Scenario {
         let mut found = false;
         for k in 1..900 {
             let before = self.kernel.status().fault.is_some();
-            let sensors = cell::sensors(stuck, true);
-            measured::tick(&mut self.kernel, &sensors);
+            self.cycle(stuck, None);
             let after = self.kernel.status().fault.is_some();
             let class = if after { "fault: stopping and after" } else { "motion at 100 %" };
             let what = if after && !before { "the fault is found".to_owned() } else { format!("tick {k}, stuck") };
@@ -187,7 +219,7 @@ impl Scenario {
         let class = "full budget in";
         let still = Setpoint { joints: self.actual, flow: 0.0, deposit: false };
         let first_seq = self.kernel.status().end_seq + 1;
-        let dense: Vec<u8> = parts(first_seq, &vec![still; 1000], 245).concat();
+        let dense: Vec<u8> = parts(first_seq, &vec![still; 1000], 120).concat();
         self.receive(class, "setpoints of 8 bytes, all good", budget(&dense));
         self.tick("holding", "after a full budget");
         let stale = encode(&ToKernel::Rearm { fault: u32::MAX }).repeat(RECEIVE_MAX);
@@ -214,8 +246,8 @@ impl Scenario {
         *self.kernel = cell::kernel();
         let mut tape = Tape::new(SEED);
         for k in 0..ticks {
-            let sensors = tape.before(&mut self.kernel);
-            let command = measured::tick(&mut self.kernel, &sensors);
+            let (now, sensors) = tape.before(&mut self.kernel);
+            let command = measured::tick(&mut self.kernel, now, &sensors);
             let what = format!("tick {k} of the tape, {:?}", command.mode.code());
             self.calls.push(Call { class: "tick of the tape", what, bytes: 0 });
             tape.after(&mut self.kernel, &command);

@@ -36,32 +36,40 @@ extern "C" {
 #define SCREED_FAULT_NOT_READY 3 /* the robot no longer takes setpoints */
 #define SCREED_FAULT_OUTPUT 4    /* a setpoint broke a limit at the last gate */
 #define SCREED_FAULT_EXTRUDER 5  /* the extruder failed */
+#define SCREED_FAULT_DEVIATION 6 /* the estimate is far from the targets */
+#define SCREED_FAULT_CORRECTION 7 /* a correction breaks its limits */
 
 /* A kernel; its memory is the caller's. */
 typedef struct screed_kernel screed_kernel;
 
-/* What the robot says at one cycle. */
+/* What is known at one cycle. */
 typedef struct {
-    double actual[SCREED_JOINTS]; /* actual joint positions (rad) */
-    uint8_t ready;                /* not 0: the robot takes setpoints now */
+    double actual[SCREED_JOINTS];     /* actual joint positions as the robot says them (rad) */
+    double estimate[SCREED_JOINTS];   /* joint positions by an estimator (rad); only if has_estimate is not 0 */
+    double correction[SCREED_JOINTS]; /* joint offsets to add to the path (rad); only if has_correction is not 0 */
+    uint8_t ready;                    /* not 0: the robot takes setpoints now */
+    uint8_t has_estimate;             /* 0: there is no estimator */
+    uint8_t has_correction;           /* 0: corrections under way are taken out, within their limits */
 } screed_sensors;
 
 /* What is to happen at this cycle. */
 typedef struct {
-    double joints[SCREED_JOINTS]; /* joint targets (rad); only if known is not 0 */
-    double flow;                  /* extrusion rate (m³/s) */
-    double rate;                  /* path clock rate, 0 to 1 */
-    uint32_t seq;                 /* the setpoint that the targets stand for, or were interpolated behind; 0 before the first */
-    uint8_t known;                /* 0: the robot's position is not known, send it nothing */
-    uint8_t deposit;              /* not 0: material is being laid */
-    uint8_t mode;                 /* SCREED_UNREADY ... */
-    uint8_t fault;                /* SCREED_FAULT_NONE ... */
+    double joints[SCREED_JOINTS];     /* joint targets (rad); only if known is not 0 */
+    double correction[SCREED_JOINTS]; /* the correction in the targets (rad) */
+    double flow;                      /* extrusion rate (m³/s) */
+    double rate;                      /* path clock rate, 0 to 1 */
+    uint32_t seq;    /* the setpoint that the targets stand for, or were interpolated behind; 0 before the first */
+    uint8_t known;   /* 0: the robot's position is not known, send it nothing */
+    uint8_t deposit; /* not 0: material is being laid */
+    uint8_t mode;    /* SCREED_UNREADY ... */
+    uint8_t fault;   /* SCREED_FAULT_NONE ... */
 } screed_command;
 
 /* Where the kernel stands. */
 typedef struct {
     uint64_t tick;          /* ticks since the beginning */
     uint64_t fault_tick;    /* tick of the present fault; 0 without */
+    uint64_t time_lost_ns;  /* time lost by late ticks: the path clock advances one period a tick */
     double rate;            /* path clock rate, 0 to 1 */
     uint32_t epoch;         /* counts configurations and dropped rings; a resume must name it */
     uint32_t consumed;      /* setpoint consumed last; what follows it can be replaced */
@@ -69,6 +77,8 @@ typedef struct {
     uint32_t credits;       /* setpoints that the ring can take */
     uint32_t fault_number;  /* number of the present fault, which re-arming must name; 0 without */
     uint32_t frames_broken; /* frames dropped as broken since the beginning */
+    uint32_t frames_unknown; /* whole frames whose message is not known here: from a host of a later version */
+    uint32_t ticks_late;    /* ticks that began more than half a period late */
     uint8_t mode;           /* SCREED_UNREADY ... */
     uint8_t fault;          /* SCREED_FAULT_NONE ... */
 } screed_status;
@@ -86,8 +96,9 @@ screed_kernel *screed_kernel_init(void *memory, size_t size);
 size_t screed_kernel_receive(screed_kernel *kernel, const uint8_t *bytes, size_t len);
 size_t screed_kernel_receive_max(void);
 
-/* One cycle. Writes what is to happen to `command`. Returns 1, or 0 (and does nothing) when an argument is NULL. */
-int screed_kernel_tick(screed_kernel *kernel, const screed_sensors *sensors, screed_command *command);
+/* One cycle, begun at `now_ns` on a monotonic clock. Writes what is to happen to `command`. Returns 1, or 0 (and does nothing) when
+ * an argument is NULL. */
+int screed_kernel_tick(screed_kernel *kernel, uint64_t now_ns, const screed_sensors *sensors, screed_command *command);
 
 /* Copies answers for the host to `out`. Returns how many bytes, at most `len`. */
 size_t screed_kernel_poll_transmit(screed_kernel *kernel, uint8_t *out, size_t len);

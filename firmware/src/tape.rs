@@ -25,9 +25,9 @@ fn main() -> ! {
     let mut tape = Tape::new(SEED);
     let mut counts = Counts::new();
     for tick in 0..TICKS {
-        let sensors = tape.before(&mut kernel);
+        let (now, sensors) = tape.before(&mut kernel);
         let before = SYST::get_current();
-        let command = kernel.tick(&sensors);
+        let command = cell::tick(&mut kernel, now, &sensors);
         counts.take(tick, before.wrapping_sub(SYST::get_current()) & RELOAD);
         tape.after(&mut kernel, &command);
     }

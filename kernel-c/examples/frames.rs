@@ -3,8 +3,8 @@
 
 use screed_kernel::frame::{self, BatchPart, CODE_MAX, ModeCode, ToKernel, WIRE_MAX};
 use screed_kernel::setpoint::Coder;
-use screed_kernel::units::JointPos;
-use screed_tape::cell::{self, TapeKernel};
+use screed_kernel::units::{JointPos, Nanos};
+use screed_tape::cell::{self, TICK_NS, TapeKernel};
 use screed_tape::hash::Fnv;
 use screed_tape::motion::{JOINTS, Motion, Shape};
 use std::error::Error;
@@ -13,7 +13,7 @@ use std::error::Error;
 const START: [f64; JOINTS] = [0.1, -0.7, 0.9, -0.4, 0.6, 0.2];
 
 /// Setpoints in a frame.
-const PER_PART: u32 = 60;
+const PER_PART: u32 = 38;
 
 /// A loop that runs into this many cycles has not come to rest.
 const CYCLES_MAX: u32 = 30_000;
@@ -30,13 +30,12 @@ struct Loop {
 impl Loop {
     fn cycle(&mut self, frame: &[u8]) {
         assert_eq!(self.kernel.receive(frame), frame.len(), "a frame is less than a tick takes");
-        let command = self.kernel.tick(&cell::sensors(self.actual, true));
+        let now = Nanos(u64::from(self.cycles) * TICK_NS);
+        let command = cell::tick(&mut self.kernel, now, &cell::sensors(self.actual, true));
         self.actual = command.joints.unwrap_or(self.actual);
         let joints = command.joints.unwrap_or(JointPos::ZERO);
         joints.0.iter().chain([&command.flow]).for_each(|value| self.hash.number(*value));
-        let mut answers = [0; 1024];
-        let count = self.kernel.poll_transmit(&mut answers);
-        self.hash.bytes(&answers[..count]);
+        self.kernel.poll_transmit(&mut [0; 1024]);
         self.cycles += 1;
     }
 
@@ -76,7 +75,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args().nth(1).ok_or("name the file to write")?;
     let kernel = Box::new(cell::kernel());
     let mut run = Loop { kernel, actual: JointPos(START), cycles: 0, hash: Fnv::new(), file: vec![] };
-    run.say(&ToKernel::Configure(cell::configure()));
+    run.say(&ToKernel::Configure(cell::configure(TICK_NS)));
     let goal = JointPos([-0.4, -0.3, 0.5, 0.1, 0.2, 0.7]);
     run.send(&Motion {
         start: JointPos(START),

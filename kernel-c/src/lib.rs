@@ -9,7 +9,7 @@ use screed_kernel::arms::ur::UR10E;
 use screed_kernel::fault::Fault;
 use screed_kernel::mode::Mode;
 use screed_kernel::tick::{Kernel, RECEIVE_MAX};
-use screed_kernel::units::JointPos;
+use screed_kernel::units::{JointPos, Nanos};
 
 /// Joints of the arm.
 pub const JOINTS: usize = 6;
@@ -26,8 +26,16 @@ pub type CKernel = Kernel<JOINTS, RING>;
 pub struct Sensors {
     /// Actual joint positions (rad).
     pub actual: [f64; JOINTS],
+    /// Estimated joint positions (rad).
+    pub estimate: [f64; JOINTS],
+    /// Joint offsets to add to the path (rad).
+    pub correction: [f64; JOINTS],
     /// Not 0: the robot takes setpoints now.
     pub ready: u8,
+    /// Not 0: there is an estimate.
+    pub has_estimate: u8,
+    /// Not 0: there is a correction.
+    pub has_correction: u8,
 }
 
 /// `screed_command`
@@ -36,6 +44,8 @@ pub struct Sensors {
 pub struct Command {
     /// Joint targets (rad).
     pub joints: [f64; JOINTS],
+    /// The correction in the targets (rad).
+    pub correction: [f64; JOINTS],
     /// Extrusion rate (m³/s).
     pub flow: f64,
     /// Path clock rate, 0 to 1.
@@ -60,6 +70,8 @@ pub struct Status {
     pub tick: u64,
     /// Tick of the present fault; 0 without.
     pub fault_tick: u64,
+    /// Time lost by late ticks (ns).
+    pub time_lost_ns: u64,
     /// Path clock rate, 0 to 1.
     pub rate: f64,
     /// Counts configurations and dropped rings.
@@ -74,6 +86,10 @@ pub struct Status {
     pub fault_number: u32,
     /// Frames dropped as broken.
     pub frames_broken: u32,
+    /// Whole frames whose message is not known here.
+    pub frames_unknown: u32,
+    /// Ticks that came late.
+    pub ticks_late: u32,
     /// Mode.
     pub mode: u8,
     /// Fault, 0 for none.
@@ -89,6 +105,8 @@ pub const fn fault_number(fault: Option<Fault>) -> u8 {
         Some(Fault::RobotNotReady) => 3,
         Some(Fault::Output { .. }) => 4,
         Some(Fault::Extruder) => 5,
+        Some(Fault::Deviation { .. }) => 6,
+        Some(Fault::Correction { .. }) => 7,
     }
 }
 
@@ -120,7 +138,7 @@ pub unsafe extern "C" fn screed_kernel_init(memory: *mut u8, size: usize) -> *mu
         return core::ptr::null_mut();
     }
     // SAFETY: not null, aligned, large enough, and by the contract ours.
-    unsafe { kernel.write(Kernel::new()) };
+    unsafe { kernel.write(Kernel::new(&UR10E)) };
     kernel
 }
 
@@ -154,6 +172,7 @@ pub extern "C" fn screed_kernel_receive_max() -> usize {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn screed_kernel_tick(
     kernel: *mut CKernel,
+    now_ns: u64,
     sensors: *const Sensors,
     command: *mut Command,
 ) -> i32 {
@@ -162,12 +181,18 @@ pub unsafe extern "C" fn screed_kernel_tick(
     if command.is_null() {
         return 0;
     }
-    let sensors = screed_kernel::tick::Sensors { actual: JointPos(sensors.actual), ready: sensors.ready != 0 };
-    let done = kernel.tick(&sensors);
+    let sensors = screed_kernel::tick::Sensors {
+        actual: JointPos(sensors.actual),
+        estimate: (sensors.has_estimate != 0).then_some(JointPos(sensors.estimate)),
+        correction: (sensors.has_correction != 0).then_some(JointPos(sensors.correction)),
+        ready: sensors.ready != 0,
+    };
+    let done = kernel.tick(Nanos(now_ns), &sensors);
     // SAFETY: not null, and by the contract ours to write.
     unsafe {
         command.write(Command {
             joints: done.joints.unwrap_or(JointPos::ZERO).0,
+            correction: done.correction.0,
             flow: done.flow,
             rate: done.rate,
             seq: done.seq,
@@ -213,6 +238,7 @@ pub unsafe extern "C" fn screed_kernel_status(kernel: *const CKernel, status: *m
         status.write(Status {
             tick: now.tick,
             fault_tick: now.fault.map_or(0, |report| report.tick),
+            time_lost_ns: now.time_lost_ns,
             rate: now.rate,
             epoch: now.epoch,
             consumed: now.consumed,
@@ -220,6 +246,8 @@ pub unsafe extern "C" fn screed_kernel_status(kernel: *const CKernel, status: *m
             credits: now.credits,
             fault_number: now.fault.map_or(0, |report| report.number),
             frames_broken: now.frames_broken,
+            frames_unknown: now.frames_unknown,
+            ticks_late: now.ticks_late,
             mode: now.mode as u8,
             fault: fault_number(now.fault.map(|report| report.fault)),
         });

@@ -42,21 +42,18 @@ fn compiles(source: &str) -> Result<(), String> {
 
 #[test]
 fn the_header_has_the_librarys_layout_and_numbers() {
-    let mut source = layout!(screed_sensors, Sensors, actual ready);
-    source += &layout!(screed_command, Command, joints flow rate seq known deposit mode fault);
+    let mut source = layout!(screed_sensors, Sensors, actual estimate correction ready has_estimate has_correction);
+    source += &layout!(screed_command, Command, joints correction flow rate seq known deposit mode fault);
     source += &layout!(
         screed_status, Status,
-        tick fault_tick rate epoch consumed end_seq credits fault_number frames_broken mode fault
+        tick fault_tick time_lost_ns rate epoch consumed end_seq credits fault_number frames_broken frames_unknown
+        ticks_late mode fault
     );
-    let joint = 0;
-    let faults = [
-        ("NONE", fault_number(None)),
-        ("FOLLOWING", fault_number(Some(Fault::Following { joint, value: 0.0, limit: 0.0 }))),
-        ("SENSOR", fault_number(Some(Fault::Sensor { joint }))),
-        ("NOT_READY", fault_number(Some(Fault::RobotNotReady))),
-        ("OUTPUT", fault_number(Some(Fault::Output { joint, value: 0.0, limit: 0.0 }))),
-        ("EXTRUDER", fault_number(Some(Fault::Extruder))),
-    ];
+    let faults = ["FOLLOWING", "SENSOR", "NOT_READY", "OUTPUT", "EXTRUDER", "DEVIATION", "CORRECTION"];
+    for (name, kind) in faults.into_iter().zip(Fault::KINDS) {
+        writeln!(source, "_Static_assert(SCREED_FAULT_{name} == {}, \"{name}\");", fault_number(Some(kind))).unwrap();
+    }
+    assert_eq!((faults.len(), fault_number(None)), (Fault::KINDS.len(), 0));
     let numbers = [
         ("JOINTS", JOINTS),
         ("RING", RING),
@@ -69,11 +66,8 @@ fn the_header_has_the_librarys_layout_and_numbers() {
     for (name, number) in numbers {
         writeln!(source, "_Static_assert(SCREED_{name} == {number}, \"{name}\");").unwrap();
     }
-    for (name, number) in faults {
-        writeln!(source, "_Static_assert(SCREED_FAULT_{name} == {number}, \"{name}\");").unwrap();
-    }
     assert_eq!(compiles(&source), Ok(()));
-    let wrong = source.replace("screed_command, seq) == 64", "screed_command, seq) == 68");
+    let wrong = source.replace("screed_command, seq) == 112", "screed_command, seq) == 116");
     assert_ne!(wrong, source);
     assert!(compiles(&wrong).is_err(), "the check cannot fail");
 }

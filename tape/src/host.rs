@@ -1,13 +1,13 @@
 //! The tape's host: says everything a host can say, right and wrong, over a line that garbles some of it.
 
-use crate::cell::{self, PERIOD, POSITION_MAX, TapeKernel};
+use crate::cell::{self, SAMPLES_NS, TapeKernel};
 use crate::motion::{JOINTS, Motion, Shape};
 use crate::random::Random;
 use crate::seen::Seen;
 use screed_kernel::frame::{
-    self, BatchPart, CODE_MAX, Configure, FRAME_MAX, FromKernel, ModeCode, Reader, Status, ToKernel, WIRE_MAX,
+    self, BatchPart, CODE_MAX, FRAME_MAX, FromKernel, ModeCode, Reader, Status, ToKernel, WIRE_MAX,
 };
-use screed_kernel::setpoint::Coder;
+use screed_kernel::setpoint::{CodeError, Coder};
 use screed_kernel::units::JointPos;
 use serde::Serialize;
 
@@ -22,6 +22,9 @@ enum Spoil {
     /// The second part says another sequence number than it has.
     Gap,
 }
+
+/// Version 2.0, no message, its CRC; in COBS, with the zero at the end.
+const FOREIGN: [u8; 7] = [6, 0x20, 0x45, 0xcf, 0x6c, 0xe9, 0];
 
 /// A batch of which some parts have been sent.
 #[derive(Clone, Copy, Debug)]
@@ -48,6 +51,8 @@ pub struct Host {
     pause: u32,
     sending: Option<Sending>,
     batch: u32,
+    /// From setpoint to setpoint (ns), as said last.
+    sample_ns: u64,
     /// The motion that the ring ends with, as far as the host was told.
     plan: Option<Motion>,
     /// The motion of the batch that was sent last.
@@ -67,6 +72,7 @@ impl Host {
             pause: 0,
             sending: None,
             batch: 0,
+            sample_ns: SAMPLES_NS[0],
             plan: None,
             offered: None,
             reader: Reader::new(),
@@ -180,7 +186,8 @@ impl Host {
         }
         match (status.mode, self.random.below(40)) {
             (ModeCode::Unready, 0..8) | (_, 0) => self.configure(seen),
-            (ModeCode::Holding, 1..24) if !waiting => self.batch(status, at, seen),
+            (ModeCode::Holding, 1..8) if !waiting => self.configure(seen),
+            (ModeCode::Holding, 8..24) if !waiting => self.batch(status, at, seen),
             (ModeCode::Holding, 1..20) => self.message(&ToKernel::Resume { epoch: status.epoch }, seen),
             (ModeCode::Stopping, 1..10) => self.message(&ToKernel::Resume { epoch: status.epoch }, seen),
             (ModeCode::Faulted, 1..30) => {
@@ -196,21 +203,38 @@ impl Host {
             (_, 30) => self.message(&ToKernel::Resume { epoch: status.epoch.wrapping_add(1) }, seen),
             (_, 31) => self.message(&ToKernel::Rearm { fault: u32::MAX }, seen),
             (_, 32) => self.message(&ToKernel::Hello, seen),
-            // A variant that this version does not know.
+            // A frame of a major version that nobody reads yet.
+            (_, 34) if self.random.once_in(2) => {
+                self.len = FOREIGN.len();
+                self.frame.iter_mut().zip(FOREIGN).for_each(|(slot, byte)| *slot = byte);
+            }
+            // A message of a later minor version.
             (_, 33) => self.say(&(200_u8, 1000_u32), seen),
-            (_, 34) if self.random.once_in(4) => self.message(&ToKernel::Quit, seen),
+            (_, 34) if self.random.once_in(2) => self.message(&ToKernel::Quit, seen),
             _ => self.batch(status, at, seen),
         }
     }
 
+    /// A configuration, every other time with something in it that cannot be.
     fn configure(&mut self, seen: &mut Seen) {
-        let good = cell::configure();
-        let configure = match self.random.below(8) {
-            0 => Configure { following_error_max: f64::NAN, ..good },
-            1 => Configure { jerk_max: good.jerk_max.iter().skip(1).copied().collect(), ..good },
-            _ => good,
-        };
-        self.message(&ToKernel::Configure(configure), seen);
+        let sample = SAMPLES_NS.get(self.random.below(SAMPLES_NS.len() as u32) as usize);
+        let sample_ns = sample.copied().unwrap_or(self.sample_ns);
+        let mut message = cell::configure(sample_ns);
+        match self.random.below(20) {
+            0 => {
+                message.plan.jerk_max.pop();
+            }
+            1 => message.sample_period_ns += 1,
+            2 => message.position_max = message.position_min.clone(),
+            3 => message.plan.velocity_max.iter_mut().for_each(|limit| *limit = f64::NAN),
+            4 => message.deviation_max = 0.0,
+            5 => message.correction.size_max = 0.0,
+            6 => message.flange_from_tcp = [f64::INFINITY; 6],
+            7 => message.workspace.iter_mut().for_each(|plane| plane.normal_in_base = [2.0, 0.0, 0.0]),
+            8 | 9 => message.output = message.plan.clone(),
+            _ => self.sample_ns = sample_ns,
+        }
+        self.message(&ToKernel::Configure(message), seen);
     }
 
     /// Opens a batch: behind the ring's end, or in place of a part of the last motion, right or wrong.
@@ -246,14 +270,14 @@ impl Host {
                 shape = Shape::Hump;
                 goal = start;
                 if let Some(joint) = goal.0.get_mut(self.random.below(JOINTS as u32) as usize) {
-                    *joint = POSITION_MAX;
+                    *joint = cell::highest(self.sample_ns);
                 }
                 seconds = 2.4 * farthest(&goal) + 0.4;
             }
             4 => seconds *= 0.2,
             _ => {}
         }
-        let samples = (seconds / PERIOD) as u32 | 1;
+        let samples = (seconds * 1e9 / self.sample_ns as f64) as u32 | 1;
         let first_seq = status.end_seq.wrapping_add(if self.random.once_in(40) { 2 } else { 1 });
         let flow = if self.random.once_in(3) { 0.0 } else { self.random.between(1e-6, 3e-5) };
         let motion = Motion { start, goal, shape, samples, brake: None, flow, first_seq };
@@ -268,7 +292,7 @@ impl Host {
         };
         let after = after.clamp(plan.first_seq, plan.first_seq.saturating_add(plan.count()));
         let kept = after - plan.first_seq + 1;
-        let over = 150 + self.random.below(300);
+        let over = 60 + self.random.below(300);
         let brakes = plan.brake.is_none() && kept + over / 2 < plan.samples && !self.random.once_in(3);
         let motion = if brakes { Motion { brake: Some((kept, over)), ..plan } } else { plan };
         Sending { motion, next: kept + 1, after: Some(after), opens: true, coder: Coder::new(), spoil: Spoil::Nothing }
@@ -285,10 +309,12 @@ impl Host {
         };
         let until = last.min(first.saturating_add(20 + self.random.below(50)));
         while sending.next <= until {
-            let room = code.get_mut(used..).unwrap_or(&mut []);
+            // A spoilt batch needs room for one byte more.
+            let room = code.get_mut(used..CODE_MAX - 1).unwrap_or(&mut []);
             match sending.coder.encode(&sending.motion.sample(sending.next), room) {
                 Ok(length) => used += length,
-                Err(_) => seen.unsaid += 1,
+                Err(CodeError::Short) => break,
+                Err(CodeError::Range) => seen.unsaid += 1,
             }
             sending.next += 1;
         }

@@ -13,18 +13,20 @@ pub mod hash;
 mod host;
 pub mod motion;
 pub mod random;
+mod robot;
 pub mod seen;
 
-use cell::{ARM, FOLLOWING_MAX, TapeKernel};
+use cell::{ARM, TapeKernel};
 use hash::Fnv;
 use host::Host;
 use motion::JOINTS;
 use random::Random;
+use robot::Robot;
 use screed_kernel::fault::Fault;
 use screed_kernel::ik;
 use screed_kernel::pose::Pose;
 use screed_kernel::tick::{Command, Sensors};
-use screed_kernel::units::JointPos;
+use screed_kernel::units::{JointPos, Nanos};
 use seen::Seen;
 
 /// Seed of the tape that is compared.
@@ -34,7 +36,7 @@ pub const SEED: u64 = 20_260_301;
 pub const TICKS: u64 = 120_000;
 
 /// Hash of that tape.
-pub const EXPECTED: u64 = 0x88f7_cd24_d2c6_553c;
+pub const EXPECTED: u64 = 0xfff5_1e3a_84d3_3ba5;
 
 /// What a run gave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,29 +51,19 @@ pub struct Outcome {
 #[derive(Clone, Debug)]
 pub struct Tape {
     host: Host,
+    robot: Robot,
     random: Random,
-    actual: JointPos<JOINTS>,
-    trouble: Trouble,
     outcome: Outcome,
-}
-
-/// What is wrong with the robot for some ticks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Trouble {
-    Nothing,
-    Lagging { joint: u32, ticks: u32 },
-    NotReady { ticks: u32 },
-    NotANumber { joint: u32 },
 }
 
 impl Tape {
     /// A tape at its beginning.
     pub fn new(seed: u64) -> Self {
+        let mut random = Random(seed);
         Self {
-            host: Host::new(seed),
-            random: Random(!seed),
-            actual: JointPos([0.1, -0.7, 0.9, -0.4, 0.6, 0.2]),
-            trouble: Trouble::Nothing,
+            host: Host::new(random.bits()),
+            robot: Robot::new(random.bits()),
+            random,
             outcome: Outcome { hash: Fnv::new(), seen: Seen::default() },
         }
     }
@@ -81,9 +73,9 @@ impl Tape {
         &self.outcome
     }
 
-    /// What comes before a tick: bytes from the host, events around the kernel. Returns the tick's sensors.
-    pub fn before(&mut self, kernel: &mut TapeKernel) -> Sensors<JOINTS> {
-        self.host.talk(kernel, &self.actual, &mut self.outcome.seen);
+    /// What comes before a tick: bytes from the host, events around the kernel. Returns the tick's time and sensors.
+    pub fn before(&mut self, kernel: &mut TapeKernel) -> (Nanos, Sensors<JOINTS>) {
+        self.host.talk(kernel, self.robot.actual(), &mut self.outcome.seen);
         match self.random.below(6000) {
             0 => kernel.raise(Fault::Extruder),
             1 => kernel.robot_lost(),
@@ -91,17 +83,17 @@ impl Tape {
             3 => kernel.quit(),
             _ => {}
         }
-        self.sense()
+        self.robot.sense()
     }
 
     /// What comes after it: the command and the answers are hashed, the robot follows.
     pub fn after(&mut self, kernel: &mut TapeKernel, command: &Command<JOINTS>) {
-        self.outcome.seen.mode(&command.mode);
+        self.outcome.seen.command(command);
         self.hash_command(command);
         self.outcome.hash.integer(u64::from(kernel.may_quit()));
-        if let Some(joints) = command.joints {
-            self.actual = joints;
-            self.hash_kinematics(&joints);
+        self.robot.follow(command);
+        if let Some(joints) = &command.joints {
+            self.hash_kinematics(joints);
         }
         // Now and then nobody listens, and the outbox fills up.
         if !self.random.once_in(4) {
@@ -113,40 +105,11 @@ impl Tape {
         }
     }
 
-    fn sense(&mut self) -> Sensors<JOINTS> {
-        let mut actual = self.actual;
-        for position in &mut actual.0 {
-            *position += self.random.between(-1e-4, 1e-4);
-        }
-        let mut ready = true;
-        self.trouble = match self.trouble {
-            Trouble::Nothing => match self.random.below(4000) {
-                0 => Trouble::Lagging { joint: self.random.below(JOINTS as u32), ticks: 1 + self.random.below(40) },
-                1 => Trouble::NotReady { ticks: 1 + self.random.below(300) },
-                2 => Trouble::NotANumber { joint: self.random.below(JOINTS as u32) },
-                _ => Trouble::Nothing,
-            },
-            Trouble::Lagging { joint, ticks } => {
-                shift(&mut actual, joint, 2.0 * FOLLOWING_MAX);
-                if ticks > 1 { Trouble::Lagging { joint, ticks: ticks - 1 } } else { Trouble::Nothing }
-            }
-            Trouble::NotReady { ticks } => {
-                ready = false;
-                if ticks > 1 { Trouble::NotReady { ticks: ticks - 1 } } else { Trouble::Nothing }
-            }
-            Trouble::NotANumber { joint } => {
-                shift(&mut actual, joint, f64::NAN);
-                Trouble::Nothing
-            }
-        };
-        cell::sensors(actual, ready)
-    }
-
     fn hash_command(&mut self, command: &Command<JOINTS>) {
         let hash = &mut self.outcome.hash;
-        let Command { joints, seq, flow, deposit, rate, mode } = command;
+        let Command { joints, seq, flow, deposit, rate, correction, mode } = command;
         hash.integer(u64::from(joints.is_some()));
-        for position in joints.iter().flat_map(|joints| &joints.0) {
+        for position in joints.iter().chain([correction]).flat_map(|joints| &joints.0) {
             hash.number(*position);
         }
         hash.integer(u64::from(*seq));
@@ -180,17 +143,11 @@ impl Tape {
 pub fn play(kernel: &mut TapeKernel, seed: u64, ticks: u64) -> Outcome {
     let mut tape = Tape::new(seed);
     for _ in 0..ticks {
-        let sensors = tape.before(kernel);
-        let command = kernel.tick(&sensors);
+        let (now, sensors) = tape.before(kernel);
+        let command = cell::tick(kernel, now, &sensors);
         tape.after(kernel, &command);
     }
     tape.outcome
-}
-
-fn shift(joints: &mut JointPos<JOINTS>, joint: u32, by: f64) {
-    if let Some(position) = joints.0.get_mut(joint as usize) {
-        *position += by;
-    }
 }
 
 #[cfg(test)]
