@@ -21,11 +21,13 @@ import sys
 import tempfile
 import threading
 import time
+import tomllib
 
 HOST = "127.0.0.1"
 PORT = 30004  # ur_rtde knows no other
-OFFSET = 24  # ur_rtde's receive interface writes no register; 24 keeps the lower ones free anyway
+CELL = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "fixtures", "cells", "demo.toml")
 SAMPLES = 200
+PATIENCE = 30  # s
 TOLERANCE = 1e-9
 
 # UR10e, standard Denavit-Hartenberg, as published by the maker.
@@ -38,9 +40,10 @@ def multiply(p, q):
     return [[sum(p[i][k] * q[k][j] for k in range(4)) for j in range(4)] for i in range(4)]
 
 
-def forward(q):
+def forward(q, tool):
+    """base_from_tcp; the tool is straight, so that it adds to the last d."""
     pose = [[float(i == j) for j in range(4)] for i in range(4)]
-    for theta, d, a, alpha in zip(q, D, A, ALPHA):
+    for theta, d, a, alpha in zip(q, [*D[:5], D[5] + tool], A, ALPHA):
         c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
         link = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
         pose = multiply(pose, link)
@@ -82,13 +85,22 @@ def exactly(stream, count):
     return data
 
 
-def ramp(start, stop):
+def cell():
+    """First register and length of the tool (m) in the cell that the server is given."""
+    with open(CELL, "rb") as file:
+        found = tomllib.load(file)
+    *aside, along_mm = found["tool"]["xyz_mm"]
+    assert not any(aside) and not any(found["tool"]["rpy_deg"]), "a straight tool is expected"
+    return found["link"].get("register_offset", 0), along_mm * 1e-3
+
+
+def ramp(start, offset, stop):
     """Streams joint setpoints that move all joints by 0.2 rad/s, from `start`, until told to stop."""
     stream = socket.create_connection((HOST, PORT))
     stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     stream.sendall(package("V", struct.pack(">H", 2)))
     assert answer(stream, "V") == b"\x01"
-    names = [f"input_double_register_{OFFSET + joint}" for joint in range(6)] + [f"input_int_register_{OFFSET}"]
+    names = [f"input_double_register_{offset + joint}" for joint in range(6)] + [f"input_int_register_{offset}"]
     stream.sendall(package("I", ",".join(names).encode()))
     setup = answer(stream, "I")
     assert setup[1:] == b"DOUBLE,DOUBLE,DOUBLE,DOUBLE,DOUBLE,DOUBLE,INT32", setup
@@ -103,17 +115,17 @@ def ramp(start, stop):
     stream.close()
 
 
-def receive(samples):
+def receive(samples, offset):
     """Timestamps, joints and poses, all of the same cycle, as ur_rtde gives them."""
     import rtde_receive
 
     robot = rtde_receive.RTDEReceiveInterface(HOST, 500.0)
     assert robot.getRobotMode() == 7 and robot.getRuntimeState() == 2 and robot.getSafetyMode() == 1
     stop = threading.Event()
-    writer = threading.Thread(target=ramp, args=(robot.getActualQ(), stop))
+    writer = threading.Thread(target=ramp, args=(robot.getActualQ(), offset, stop))
     writer.start()
-    found = []
-    while len(found) < samples:
+    found, begin = [], time.monotonic()
+    while len(found) < samples and time.monotonic() < begin + PATIENCE:
         before = robot.getTimestamp()
         q, target, pose = robot.getActualQ(), robot.getTargetQ(), robot.getActualTCPPose()
         # A background thread of ur_rtde may have taken the next package in between.
@@ -123,6 +135,7 @@ def receive(samples):
     stop.set()
     writer.join()
     robot.disconnect()
+    assert len(found) == samples, f"only {len(found)} states in {PATIENCE} s"
     return found
 
 
@@ -131,35 +144,37 @@ def main():
         raise SystemExit(__doc__)
     version = importlib.metadata.version("ur_rtde")
     assert version == "1.6.5", version
+    offset, tool = cell()
     with tempfile.TemporaryDirectory() as folder:
         record = os.path.join(folder, "record.csv")
         options = ["--model", "ur10e", "--host", HOST, "--port", str(PORT), "--json", "--record", record]
-        options += ["--register-offset", str(OFFSET), "--exit-when-idle", "2"]
+        options += ["--cell", CELL, "--exit-when-idle", "2"]
         server = subprocess.Popen(sys.argv[1:] + options, stdout=subprocess.PIPE, text=True)
         try:
             line = server.stdout.readline()
             if not line:
                 raise SystemExit("the server did not start")
             assert json.loads(line)["listening"] == f"{HOST}:{PORT}"
-            found = receive(SAMPLES)
+            found = receive(SAMPLES, offset)
             server.wait(timeout=20)
         finally:
             server.kill()
         with open(record, newline="") as file:
-            rows = {float(row["timestamp"]): [float(row[f"actual_q_{joint}"]) for joint in range(6)] for row in csv.DictReader(file)}
+            table = list(csv.DictReader(file))
+        rows = {float(row["timestamp"]): [float(row[f"actual_q_{joint}"]) for joint in range(6)] for row in table}
 
     worst = moved = 0.0
     for timestamp, q, target, pose in found:
         assert q == rows[timestamp], f"joints at {timestamp}: {q}, the record has {rows[timestamp]}"
         assert target == q
-        expected, turned = forward(q), rotation(pose[3:])
+        expected, turned = forward(q, tool), rotation(pose[3:])
         for i in range(3):
             worst = max(worst, abs(pose[i] - expected[i][3]))
             worst = max([worst] + [abs(turned[i][j] - expected[i][j]) for j in range(3)])
         moved = max(moved, abs(q[0] - found[0][1][0]))
     assert worst <= TOLERANCE, f"TCP pose differs by {worst}"
     assert moved > 0.05, f"the robot moved only by {moved} rad"
-    print(f"ur_rtde {version}: {len(found)} states, joints equal, TCP pose within {worst:.1e}, joints moved {moved:.2f} rad")
+    print(f"ur_rtde {version}: {len(found)} states, joints equal, TCP pose within {worst:.1e}, moved {moved:.2f} rad")
 
 
 if __name__ == "__main__":

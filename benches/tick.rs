@@ -1,7 +1,7 @@
 //! Instructions of every kind of call into the kernel, counted one by one: mean, worst, and which call was the worst.
 //!
 //! ```text
-//! cargo run --release -p screed-benches --bin tick
+//! cargo bench -p screed-benches --bench tick
 //! ```
 //!
 //! Runs itself once more under `valgrind --tool=callgrind`, which counts exactly and repeatably. A wall clock only says in

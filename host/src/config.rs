@@ -77,7 +77,7 @@ pub struct Tool {
 /// Where the part is built.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
-    /// The part frame (the FIM wall's placement) in the robot's base frame.
+    /// The part frame (the FIM wall's placement) in the robot's base frame: the cell file gives both in the site frame.
     pub base_from_part: Pose,
 }
 
@@ -106,6 +106,8 @@ pub struct Limits {
 pub struct Travel {
     /// Height by which the tool is lifted off a layer before it travels (m).
     pub lift: f64,
+    /// Time that the tool stands still at a layer's start before it deposits, so that the servo's lag has gone (s).
+    pub settle: f64,
     /// Highest speed (m/s).
     pub velocity_max: f64,
     /// Highest acceleration (m/s²).

@@ -19,7 +19,7 @@ pub mod tooling;
 pub use error::{Place, PlanError};
 
 use crate::config::Cell;
-use crate::model::fim::FimModel;
+use crate::model::fim::{FimModel, Layer};
 use approach::Approach;
 use check::JointCheck;
 use error::JointQuantity;
@@ -73,30 +73,31 @@ impl Plan {
     /// [`PlanError`], for the nearest branch when there is none.
     pub fn new(model: &FimModel, cell: &Cell, options: &Options, start: &JointPos<6>) -> Result<Self, PlanError> {
         let start = on_grid(&checked_start(cell, start)?);
-        let (first, count) = (options.from_layer, options.layers.unwrap_or(usize::MAX));
-        let layers = model.layers.get(first..).unwrap_or(&[]);
-        let layers = layers.get(..count).unwrap_or(layers);
-        if layers.is_empty() {
-            return Err(PlanError::NoSuchLayer { from_layer: first, layers: model.layers.len() });
-        }
+        let first = options.from_layer;
+        let count = options.layers.unwrap_or(model.layers.len().saturating_sub(first));
+        let wanted = first.checked_add(count).and_then(|end| model.layers.get(first..end)).unwrap_or(&[]);
+        let [first_layer, ..] = wanted else {
+            return Err(PlanError::NoSuchLayers { from_layer: first, count, layers: model.layers.len() });
+        };
         let rate = f64::from(cell.link.rate_hz);
-        let mut moves = moves::cartesian(layers, first, cell, 1.0 / rate)?;
+        let mut moves = moves::cartesian(wanted, first, cell, 1.0 / rate)?;
         if options.dry {
             moves.iter_mut().for_each(|step| step.bead = 0.0);
         }
         let tooling = Tooling::new(cell);
         let layer_names = model.layers.iter().map(|layer| layer.name.clone()).collect();
-        let nowhere = Approach { from: start, to: start, duration: 0.0, tool_distance: 0.0, tool_lowest: 0.0 };
+        let nowhere =
+            Approach { lifted: false, from: start, to: start, duration: 0.0, tool_distance: 0.0, tool_lowest: 0.0 };
         let batch_max = BatchMax::default();
         let plan = Self { moves, approach: nowhere, start, tooling, rate, layer_names, batch_max };
         let mut refused = None;
         for to in plan.branches()? {
-            match plan.clone().approaching(cell, to) {
+            match plan.clone().approaching(cell, first_layer, to) {
                 Ok(plan) => return Ok(plan),
                 Err(error) => refused = refused.or(Some(error)),
             }
         }
-        Err(refused.unwrap_or(PlanError::NoSuchLayer { from_layer: first, layers: model.layers.len() }))
+        Err(refused.unwrap_or(PlanError::NoSuchLayers { from_layer: first, count, layers: model.layers.len() }))
     }
 
     /// The branches from which the first layer can be begun, the one nearest to the start first. A second look, from joints
@@ -124,11 +125,12 @@ impl Plan {
     }
 
     /// The plan with its approach, numbered and verified.
-    fn approaching(mut self, cell: &Cell, to: JointPos<6>) -> Result<Self, PlanError> {
-        let layer = self.moves.first().map_or(0, |step| step.layer);
-        let (step, approach) = approach::approach(&self.tooling, cell, layer, [self.start, to], 1.0 / self.rate)?;
-        self.approach = approach;
-        self.moves.splice(0..0, step);
+    fn approaching(mut self, cell: &Cell, layer: &Layer, to: JointPos<6>) -> Result<Self, PlanError> {
+        let index = self.moves.first().map_or(0, |step| step.layer);
+        let (lift, from) = self.lift_off(cell, layer, index, &to)?;
+        let (step, approach) = approach::approach(&self.tooling, cell, index, [from, to], 1.0 / self.rate)?;
+        self.approach = Approach { lifted: lift.is_some(), ..approach };
+        self.moves.splice(0..0, lift.into_iter().chain(step));
         // Setpoint 1 is the start itself.
         let mut seq = 1_u32;
         for step in &mut self.moves {
@@ -139,6 +141,29 @@ impl Plan {
         seq.checked_add(16).ok_or(PlanError::TooLong)?;
         self.batch_max = self.verified(cell)?;
         Ok(self)
+    }
+
+    /// When the tool stands upright and lower than where the approach leads, it may stand in what was printed: first straight
+    /// up. Returns that move, and the joints it ends at.
+    fn lift_off(
+        &self,
+        cell: &Cell,
+        layer: &Layer,
+        index: usize,
+        to: &JointPos<6>,
+    ) -> Result<(Option<Move>, JointPos<6>), PlanError> {
+        let (tooling, start) = (&self.tooling, &self.start);
+        let point = tooling.point_in_part(start);
+        let above = Point::new(point.x, point.y, tooling.point_in_part(to).z);
+        if !tooling.is_upright(start) || above.z - point.z < path::LENGTH_MIN {
+            return Ok((None, *start));
+        }
+        let step = moves::connection(MoveKind::Lift, layer, index, [point, above], cell, 1.0 / self.rate)?;
+        let joints = tooling.joints_at(&above, start).map_err(|why| PlanError::OutOfReach {
+            place: Box::new(self.place(MoveKind::Lift, index, Some(above), None)),
+            why,
+        })?;
+        Ok((step, joints))
     }
 
     fn verified(&self, cell: &Cell) -> Result<BatchMax, PlanError> {

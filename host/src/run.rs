@@ -13,3 +13,4 @@ pub mod session;
 pub mod signal;
 pub mod summary;
 pub mod virtual_time;
+pub mod words;

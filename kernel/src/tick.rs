@@ -339,9 +339,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
                 self.drop_ring();
             }
             Mode::Holding if matches!(event, Event::Ready) => {
-                self.drop_ring();
-                self.ring.restart();
-                self.gate = Differences::at_rest(self.output);
+                self.begin();
                 self.known = true;
             }
             Mode::Holding if matches!(event, Event::Stop) => self.drop_ring(),
@@ -361,6 +359,14 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             self.path.flow = 0.0;
         }
         true
+    }
+
+    /// An empty ring whose next setpoint is number 1, at rest where the output is.
+    fn begin(&mut self) {
+        self.path.seq = 0;
+        self.drop_ring();
+        self.ring.restart();
+        self.gate = Differences::at_rest(self.output);
     }
 
     fn drop_ring(&mut self) {

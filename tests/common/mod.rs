@@ -100,7 +100,7 @@ pub fn received(record: &[Cycle]) -> Vec<[f64; 6]> {
     let mut setpoints: Vec<[f64; 6]> = Vec::new();
     let mut last = 0;
     for cycle in record.iter().filter(|cycle| cycle.packages > 0) {
-        assert!(cycle.seq > last, "package {} after {last}", cycle.seq);
+        assert!(cycle.seq == last + 1, "package {} after {last}: the robot lost what was between", cycle.seq);
         last = cycle.seq;
         setpoints.push(cycle.registers);
     }
@@ -117,7 +117,7 @@ pub fn judge(setpoints: &[[f64; 6]], period: f64, limits: &Limits) {
         let velocity = norm(std::array::from_fn(|i| (w[2][i] - w[1][i]) / period));
         assert!(velocity <= limits.velocity * 1.001, "setpoint {k}: {velocity} m/s");
         let acceleration = norm(std::array::from_fn(|i| (w[2][i] - 2.0 * w[1][i] + w[0][i]) / (period * period)));
-        assert!(acceleration <= limits.acceleration, "setpoint {k}: {acceleration} m/s²");
+        assert!(acceleration <= limits.acceleration, "setpoint {k} of {}: {acceleration} m/s²", setpoints.len());
     }
     for (k, w) in setpoints.windows(2).enumerate() {
         for (j, limit) in limits.joint_velocity.iter().enumerate() {

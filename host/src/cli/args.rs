@@ -34,6 +34,9 @@ pub struct DemoArgs {
     /// Write what the robot received, as CSV with a row a cycle
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// Write what the extruder was told and did, as CSV with a row every 5 ms (not with --fast)
+    #[arg(long, value_name = "FILE", conflicts_with = "fast")]
+    pub record_extruder: Option<PathBuf>,
     /// The table at the end as JSON, and no progress
     #[arg(long)]
     pub json: bool,

@@ -16,6 +16,7 @@ pub fn run(args: &DemoArgs) -> Result<(), Failure> {
         program: args.program.clone(),
         log: args.log.clone(),
         record: args.record.clone(),
+        record_extruder: args.record_extruder.clone(),
         quiet: args.json,
     };
     report(&demo.run()?, args.json)

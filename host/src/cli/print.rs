@@ -4,7 +4,7 @@ use super::args::PrintArgs;
 use super::{read_model, say};
 use crate::config;
 use crate::failure::{Exit, Failure, Problem};
-use crate::plan::Options;
+use crate::plan::{Options, Plan};
 use crate::run::print::{self, Print};
 use crate::run::session::Wishes;
 use crate::run::summary::Summary;
@@ -35,16 +35,16 @@ pub fn run(args: &PrintArgs) -> Result<(), Failure> {
         let surroundings = Virtual { program, fault: None, record: args.record.clone(), quiet: args.json };
         return report(&virtual_time::print(&print, surroundings)?, args.json);
     }
-    let (socket, start) = match &args.attach {
-        Some(socket) => (socket.clone(), None),
-        None => {
-            let socket = std::env::temp_dir().join(format!("screed-{}.sock", std::process::id()));
-            let mut command = children::screed_rt()?;
-            command.arg("--cell").arg(&args.cell).arg("--socket").arg(&socket);
-            (socket, Some(command))
-        }
-    };
-    report(&print::run(&print, print::attach(&socket, start)?)?, args.json)
+    // What cannot be planned from anywhere is told before a robot is asked for.
+    Plan::new(&model, &cell, &print.wishes.plan, &cell.robot.start)?;
+    if let Some(socket) = &args.attach {
+        return report(&print::run(&print, print::attach(socket, None)?)?, args.json);
+    }
+    let folder = demo::Folder::new()?;
+    let socket = folder.join("rt.sock");
+    let mut command = children::screed_rt()?;
+    command.arg("--cell").arg(&args.cell).arg("--socket").arg(&socket);
+    report(&print::run(&print, print::attach(&socket, Some(command))?)?, args.json)
 }
 
 /// The table, or JSON, on standard output. A print that a person interrupted is told as such to the shell.

@@ -90,6 +90,7 @@ pub(super) const VELOCITY: Number = number("velocity_max_mm_s", MM_S, 0.1, 10_00
 pub(super) const ACCELERATION: Number = number("acceleration_max_mm_s2", MM_S2, 1.0, 100_000.0);
 pub(super) const JERK: Number = number("jerk_max_mm_s3", MM_S3, 1.0, 10_000_000.0);
 pub(super) const LIFT: Number = number("lift_mm", MM, 1.0, 1000.0);
+pub(super) const SETTLE: Number = number("settle_ms", MS, 0.0, 60_000.0);
 pub(super) const JOINT_SHARE: Number = number("approach_joint_share", NONE, 0.01, 1.0);
 pub(super) const TIMEOUT: Number = number("timeout_ms", MS, 4.0, 10_000.0);
 pub(super) const WATCHDOG: Number = number("watchdog_ms", MS, 4.0, 10_000.0);

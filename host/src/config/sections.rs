@@ -18,7 +18,8 @@ pub(super) const RATES_HZ: [i64; 2] = [125, 500];
 const REGISTER_OFFSETS: [i64; 2] = [0, 24];
 /// The robots that a cell can have.
 const ARMS: [Arm<6>; 1] = [UR10E];
-const SECTIONS: [&str; 9] = ["robot", "tool", "part", "workspace", "limits", "travel", "link", "extruder", "realtime"];
+const SECTIONS: [&str; 10] =
+    ["robot", "tool", "base", "part", "workspace", "limits", "travel", "link", "extruder", "realtime"];
 
 /// The whole cell; `None` when anything was wrong, which the document then knows.
 pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
@@ -27,6 +28,7 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
     top.finish();
     let robot = robot(document);
     let tool = pose(document, "tool");
+    let base = pose(document, "base");
     let part = pose(document, "part");
     let workspace = workspace(document);
     let limits = limits(document);
@@ -38,7 +40,7 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
         name: name?,
         robot: robot?,
         tool: Tool { flange_from_tcp: tool? },
-        part: Part { base_from_part: part? },
+        part: Part { base_from_part: base?.inverse() * part? },
         workspace: workspace?,
         limits: limits?,
         travel: travel?,
@@ -140,6 +142,7 @@ fn limits(document: &mut Document<'_>) -> Option<Limits> {
 fn travel(document: &mut Document<'_>) -> Option<Travel> {
     let mut section = document.section("travel");
     let lift = section.number(&keys::LIFT);
+    let settle = section.number_or(&keys::SETTLE, 0.0);
     let velocity = section.number(&keys::VELOCITY);
     let acceleration = section.number(&keys::ACCELERATION);
     let jerk = section.number(&keys::JERK);
@@ -147,6 +150,7 @@ fn travel(document: &mut Document<'_>) -> Option<Travel> {
     section.finish();
     Some(Travel {
         lift: lift?,
+        settle: settle?,
         velocity_max: velocity?,
         acceleration_max: acceleration?,
         jerk_max: jerk?,

@@ -218,7 +218,7 @@ fn everything_missing_is_reported_at_once() {
             _ => None,
         })
         .collect();
-    assert_eq!(missing, ["robot", "tool", "part", "limits", "travel", "link", "extruder"]);
+    assert_eq!(missing, ["robot", "tool", "base", "part", "limits", "travel", "link", "extruder"]);
     check(
         "[travel]\n# Clears three fresh layers.\nlift_mm = 50\n",
         "[travel]\n",

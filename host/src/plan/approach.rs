@@ -17,6 +17,8 @@ const BETWEEN_SAMPLES: f64 = 1.02;
 /// What a person wants to know before the first motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Approach {
+    /// Whether the tool is lifted straight up before.
+    pub lifted: bool,
     /// The joints it starts from (rad).
     pub from: JointPos<6>,
     /// The joints it leads to, above the first layer's start (rad).
@@ -42,6 +44,7 @@ pub fn approach(
         .map(|joints| tooling.point_in_part(&joints).coords)
         .collect();
     let mut summary = Approach {
+        lifted: false,
         from,
         to,
         duration: 0.0,

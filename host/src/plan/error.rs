@@ -57,13 +57,16 @@ impl JointQuantity {
 /// Why there is no plan.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    /// Nothing to print.
+    /// Layers that the model does not have are wanted.
     #[error(
-        "layer {from_layer} is wanted first, but the model has {layers} (counted from 0); choose another first layer"
+        "{count} layers from layer {from_layer} on are wanted, but the model has {layers} (counted from 0); choose others with \
+         --from-layer and --layers"
     )]
-    NoSuchLayer {
+    NoSuchLayers {
         /// The first layer wanted.
         from_layer: usize,
+        /// How many are wanted.
+        count: usize,
         /// How many layers the model has.
         layers: usize,
     },
@@ -155,7 +158,7 @@ pub enum PlanError {
         why: IkError,
     },
     /// The kernel would not take the cell's limits.
-    #[error("the kernel would refuse the limits of the cell file: {0:?}; correct them")]
+    #[error("the kernel would refuse the cell file: {}; correct it", crate::run::words::refusal(.0))]
     Refused(Refusal),
     /// A joint would have to be where it must not.
     #[error(

@@ -170,7 +170,7 @@ fn deposit(layer: &Layer, index: usize, cell: &Cell, period: f64) -> Result<Move
 }
 
 /// A straight move without flow; none between points that coincide.
-fn connection(
+pub(super) fn connection(
     kind: MoveKind,
     layer: &Layer,
     index: usize,
@@ -191,5 +191,10 @@ fn connection(
     })?;
     let limits = travel_limits(cell);
     let profile = Profile::quickest(&stretches, &limits);
-    Move::new(kind, index, Route::Curves(curves), &stretches, profile, limits, period).map(Some)
+    let mut step = Move::new(kind, index, Route::Curves(curves), &stretches, profile, limits, period)?;
+    if kind == MoveKind::Lower {
+        // Standing still at its end belongs to the move. A minute at most, by the cell file's range.
+        step.periods = step.periods.saturating_add((cell.travel.settle / period).round() as u32);
+    }
+    Ok(Some(step))
 }

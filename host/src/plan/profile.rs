@@ -13,10 +13,12 @@ pub use ramp::Ramp;
 
 /// Share of the acceleration limit that turning may take while cruising; √(1 − 0.8²) = 0.6 of it is then left to ramps.
 const TURNING_SHARE: f64 = 0.8;
-/// Halvings of an interval until f64 cannot tell its ends apart.
-const HALVINGS: usize = 64;
-/// Cruise speeds tried, below the highest, for the shortest time.
-const TRIALS: i32 = 48;
+/// Cruise speeds tried for the shortest time, each 0.8 of the one before.
+const TRIALS: i32 = 24;
+/// How exactly a time is met: to this (s), and to this share of it where rounding over hours is more.
+const TIME_TOLERANCE: [f64; 2] = [1e-10, 1e-13];
+/// How exactly a length is used up by ramps, as a share of it; what is left is cruised.
+const LENGTH_TOLERANCE: f64 = 1e-13;
 
 /// Limits along a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -127,18 +129,21 @@ impl Profile {
     /// # Errors
     /// [`TooShort`] when the limits do not allow it.
     pub fn lasting(stretches: &[Stretch], limits: &PathLimits, wanted: f64) -> Result<Self, TooShort> {
-        let quick_enough = |pace| duration(&legs(stretches, limits, pace), limits, pace) <= wanted;
+        let late = |pace| duration(&legs(stretches, limits, pace), limits, pace) - wanted;
+        let tolerance = TIME_TOLERANCE[0].max(TIME_TOLERANCE[1] * wanted);
         // Time grows without bound as the speed falls, so that one speed in between takes exactly the time wanted.
         let soft = |cruise| Pace { cruise, softness: 1.0 };
-        if let Some(cruise) = trial_speeds(limits).find(|&cruise| quick_enough(soft(cruise))) {
-            return Ok(Self::at(stretches, limits, soft(last_that(cruise, 0.0, |cruise| quick_enough(soft(cruise))))));
+        if let Some(quick) = trial_speeds(limits).find(|&cruise| late(soft(cruise)) <= 0.0) {
+            let cruise = last_within(quick, 0.0, tolerance, |cruise| late(soft(cruise)));
+            return Ok(Self::at(stretches, limits, soft(cruise)));
         }
         let (shortest, Pace { cruise, .. }) = quickest_of(stretches, limits, 0.0);
         if shortest.is_nan() || shortest > wanted || wanted.is_nan() {
             return Err(TooShort { shortest });
         }
         let pace = |softness| Pace { cruise, softness };
-        Ok(Self::at(stretches, limits, pace(last_that(0.0, 1.0, |softness| quick_enough(pace(softness))))))
+        let softness = last_within(0.0, 1.0, tolerance, |softness| late(pace(softness)));
+        Ok(Self::at(stretches, limits, pace(softness)))
     }
 
     fn at(stretches: &[Stretch], limits: &PathLimits, pace: Pace) -> Self {
@@ -254,7 +259,7 @@ impl Leg {
 /// little for its ramps.
 fn trial_speeds(limits: &PathLimits) -> impl Iterator<Item = f64> {
     let velocity_max = limits.velocity_max;
-    (0..TRIALS).map(move |i| velocity_max * libm::pow(0.9, f64::from(i)))
+    (0..TRIALS).map(move |i| velocity_max * libm::pow(0.8, f64::from(i)))
 }
 
 /// The shortest time (s) at this softness, and its pace.
@@ -265,19 +270,45 @@ fn quickest_of(stretches: &[Stretch], limits: &PathLimits, softness: f64) -> (f6
     timed.fold((f64::INFINITY, highest), |best, trial| if trial.0 < best.0 { trial } else { best })
 }
 
-/// Between `good`, which holds, and `bad`, the last value from `good` on that holds, by halving.
-fn last_that(good: f64, bad: f64, holds: impl Fn(f64) -> bool) -> f64 {
-    let (mut good, mut bad) = (good, bad);
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (good + bad);
-        if holds(middle) { good = middle } else { bad = middle }
+/// From `within`, where the excess is not positive, towards `beyond`, where it is: a value at which it is not positive, and
+/// more than −`tolerance` unless neighbouring numbers straddle that. Regula falsi with the Illinois weights (Dowell and
+/// Jarratt, BIT 11, 1971), every third step a halving, so that no shape of the excess makes it crawl.
+fn last_within(within: f64, beyond: f64, tolerance: f64, excess: impl Fn(f64) -> f64) -> f64 {
+    let (mut inside, mut outside) = ((within, excess(within)), (beyond, excess(beyond)));
+    let mut best = inside;
+    let mut last_inside = None;
+    for step in 1..200 {
+        if best.1 >= -tolerance {
+            break;
+        }
+        let secant = (inside.0 * outside.1 - outside.0 * inside.1) / (outside.1 - inside.1);
+        let between = (secant - inside.0) * (secant - outside.0) < 0.0;
+        let x = if between && step % 3 != 0 { secant } else { 0.5 * (inside.0 + outside.0) };
+        if x == inside.0 || x == outside.0 {
+            break;
+        }
+        let found = excess(x);
+        let is_inside = found <= 0.0;
+        // The end that stays a second time counts half, so that the next secant falls beyond the root.
+        let stays = if last_inside == Some(is_inside) { 0.5 } else { 1.0 };
+        last_inside = Some(is_inside);
+        if is_inside {
+            (inside, best) = ((x, found), (x, found));
+            outside.1 *= stays;
+        } else {
+            outside = (x, found);
+            inside.1 *= stays;
+        }
     }
-    good
+    best.0
 }
 
-/// The highest value in [low, high] that fits, when all values below one that fits do too, and `low` does.
-fn highest(low: f64, high: f64, fits: impl Fn(f64) -> bool) -> f64 {
-    if high <= low || fits(high) { high.max(low) } else { last_that(low, high, fits) }
+/// The highest value in [low, high] whose distance is within `length`; distances grow with the value, that of `low` fits.
+fn highest(low: f64, high: f64, length: f64, distance: impl Fn(f64) -> f64) -> f64 {
+    if high <= low || distance(high) <= length {
+        return high.max(low);
+    }
+    last_within(low, high, LENGTH_TOLERANCE * length, |value| distance(value) - length)
 }
 
 /// The speed at which turning takes no more than its share of the acceleration, or `speed`.
@@ -296,8 +327,7 @@ fn legs(stretches: &[Stretch], limits: &PathLimits, pace: Pace) -> Vec<Leg> {
     let ramp_distance = |leg: &Leg, slow: f64, fast: f64| {
         Ramp::new(slow, fast, leg.acceleration_max, limits.jerk_max, pace.softness).distance()
     };
-    let reached =
-        |leg: &Leg, low: f64, high: f64| highest(low, high, |fast| ramp_distance(leg, low, fast) <= leg.length);
+    let reached = |leg: &Leg, low: f64, high: f64| highest(low, high, leg.length, |fast| ramp_distance(leg, low, fast));
     let mut legs: Vec<Leg> = stretches
         .iter()
         .enumerate()
@@ -325,7 +355,7 @@ fn legs(stretches: &[Stretch], limits: &PathLimits, pace: Pace) -> Vec<Leg> {
         leg.enter = reached(leg, leg.leave, leg.enter).min(leg.enter);
         speed = leg.enter;
         let ends = |peak| ramp_distance(leg, leg.enter, peak) + ramp_distance(leg, leg.leave, peak);
-        leg.peak = highest(leg.enter.max(leg.leave), leg.peak, |peak| ends(peak) <= leg.length);
+        leg.peak = highest(leg.enter.max(leg.leave), leg.peak, leg.length, ends);
     }
     legs
 }

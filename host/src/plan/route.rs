@@ -145,6 +145,11 @@ mod tests {
             Curves::new(&[line(0.0, 0.0, 1.0, 0.0), arc, line(1.5, 0.5, 1.0, 0.5), line(1.0, 0.5, 0.2, 0.5)]).unwrap();
         let rests: Vec<_> = curves.stretches().iter().map(|stretch| stretch.rest_after).collect();
         assert_eq!(rests, [false, true, false, true]);
+        let corner = [(1.5, 0.5), (1.0, 0.5), (1.0, 0.2)].map(|(x, y)| Point::new(x, y, 0.0)).to_vec();
+        let polyline = Segment::spline(1, corner, vec![0.0, 0.0, 1.0, 2.0, 2.0], None).unwrap();
+        let rests: Vec<_> =
+            Curves::new(&[polyline, line(1.0, 0.2, 1.0, 0.0), line(1.0, 0.0, 0.5, 0.0)]).unwrap().stretches();
+        assert_eq!(rests.iter().map(|stretch| stretch.rest_after).collect::<Vec<_>>(), [true, false, true, true]);
         assert!((curves.length() - (1.0 + 0.25 * core::f64::consts::PI + 0.5 + 0.8)).abs() < 1e-15);
         assert_eq!(curves.point_at(1.0 + 1e-9).1, 1);
     }

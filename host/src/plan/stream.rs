@@ -9,11 +9,10 @@ use super::moves::{Move, MoveKind};
 use super::profile::{Brake, State};
 use super::route::Route;
 use super::tooling::on_grid;
+use screed_kernel::setpoint::flow_on_grid;
 use screed_kernel::units::JointPos;
 use std::ops::Deref;
 
-/// Flows are multiples of this (m³/s): a nanolitre a second.
-pub const FLOW_QUANTUM: f64 = 1e-12;
 /// A batch's path takes at least this long (s), unless the job ends before.
 const BATCH_TIME_MIN: f64 = 1.0;
 /// Where no cruise and no rest has come for this long (s), a batch may also end while the speed changes.
@@ -26,9 +25,9 @@ const PADDING: usize = 2;
 pub struct Setpoint {
     /// Counts from 1 without gaps.
     pub seq: u32,
-    /// Joint target (rad), on the grid of [`super::tooling::JOINT_QUANTUM`].
+    /// Joint target (rad), on the grid of [`screed_kernel::setpoint::JOINT_QUANTUM`].
     pub joints: JointPos<6>,
-    /// Volume flow of the extruder (m³/s), on the grid of [`FLOW_QUANTUM`]; 0 where nothing is deposited.
+    /// Volume flow of the extruder (m³/s), on the grid of [`screed_kernel::setpoint::FLOW_QUANTUM`]; 0 where nothing is deposited.
     pub flow: f64,
     /// Whether this is part of a layer's path.
     pub deposit: bool,
@@ -193,7 +192,7 @@ impl Plan {
                 })?
             }
         };
-        let flow = (step.bead * state.velocity / FLOW_QUANTUM).round_ties_even() * FLOW_QUANTUM;
+        let flow = flow_on_grid(step.bead * state.velocity);
         let deposit = step.kind == MoveKind::Deposit;
         Ok(Setpoint { seq: last.seq + 1, joints, flow, deposit, kind: step.kind, layer: step.layer })
     }

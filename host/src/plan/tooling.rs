@@ -6,11 +6,8 @@ use nalgebra::{Matrix3, Vector3};
 use screed_kernel::arm::Arm;
 use screed_kernel::ik::{IkError, ur};
 use screed_kernel::pose::Pose;
+use screed_kernel::setpoint::joint_on_grid;
 use screed_kernel::units::JointPos;
-
-/// Joints are multiples of this (rad): 2⁻³⁶, 0.015 nrad, at arm's length 0.02 nm. Numbers on a grid survive being sent,
-/// added and compared without a last bit that differs.
-pub const JOINT_QUANTUM: f64 = 1.0 / (1u64 << 36) as f64;
 
 /// The arm, its tool, and where the part lies.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,6 +52,11 @@ impl Tooling {
         ur::nearest(&self.arm, &self.flange_at(point_in_part), seed).map(|joints| on_grid(&joints))
     }
 
+    /// Whether joints hold the tool in its one direction, to 1e-6 rad.
+    pub fn is_upright(&self, joints: &JointPos<6>) -> bool {
+        (self.arm.forward(joints).rotation - self.base_from_flange).norm() < 1e-6
+    }
+
     /// Where joints put the tool centre point, in the base frame.
     pub fn base_from_tcp(&self, joints: &JointPos<6>) -> Pose {
         self.arm.forward(joints) * self.flange_from_tcp
@@ -66,7 +68,8 @@ impl Tooling {
     }
 }
 
-/// The joints on the grid of [`JOINT_QUANTUM`].
+/// The joints on the kernel's grid ([`joint_on_grid`]): numbers on a grid survive being sent, added and compared without a
+/// last bit that differs.
 pub fn on_grid(joints: &JointPos<6>) -> JointPos<6> {
-    JointPos(joints.0.map(|joint| (joint / JOINT_QUANTUM).round_ties_even() * JOINT_QUANTUM))
+    JointPos(joints.0.map(joint_on_grid))
 }

@@ -90,6 +90,7 @@ pub struct Account {
 
 #[derive(Clone, Copy)]
 struct Last {
+    tick: u64,
     seq: u32,
     commanded: JointPos<6>,
     received_ns: u64,
@@ -106,6 +107,8 @@ pub struct Figures {
     pub doubled: u64,
     /// Waypoints of the path that were never sent, though later ones were.
     pub skipped: u64,
+    /// Cycles whose record did not reach this host: it was too busy to read. What was sent in them is not in the figures.
+    pub unrecorded: u64,
     /// Cycles that the machine began late by more than half a period.
     pub stalls: u64,
     /// The longest such delay (s).
@@ -155,8 +158,11 @@ impl Account {
     pub fn observe(&mut self, record: &CycleRecord) -> Option<Planned> {
         let figures = &mut self.figures;
         figures.cycles += 1;
+        let mut unrecorded = 0;
         if let Some(last) = self.last {
-            let late = record.received_ns.saturating_sub(last.received_ns + self.period_ns);
+            unrecorded = record.tick.saturating_sub(last.tick + 1);
+            figures.unrecorded += unrecorded;
+            let late = record.received_ns.saturating_sub(last.received_ns + (unrecorded + 1) * self.period_ns);
             if late > self.period_ns / 2 {
                 figures.stalls += 1;
                 figures.stall_max_s = figures.stall_max_s.max(late as f64 * 1e-9);
@@ -169,9 +175,10 @@ impl Account {
         figures.volume_m3 += record.flow * self.period_ns as f64 * 1e-9;
         let commanded = JointPos(<[f64; 6]>::try_from(record.commanded.as_slice()).ok()?);
         let actual = JointPos(<[f64; 6]>::try_from(record.actual.as_slice()).ok()?);
-        let last = self.last.replace(Last { seq: record.seq, commanded, received_ns: record.received_ns });
+        let last =
+            self.last.replace(Last { tick: record.tick, seq: record.seq, commanded, received_ns: record.received_ns });
         let fresh = moving && last.is_none_or(|last| last.seq != record.seq);
-        let planned = if fresh { self.take_expected(record, &commanded) } else { None };
+        let planned = if fresh { self.take_expected(record, &commanded, unrecorded) } else { None };
         let layer = planned.filter(|planned| planned.deposit).map(|planned| planned.layer);
         if let Some(layer) = layer {
             self.measure(layer, &commanded, last.map(|last| last.commanded), &actual);
@@ -179,10 +186,15 @@ impl Account {
         planned
     }
 
-    fn take_expected(&mut self, record: &CycleRecord, commanded: &JointPos<6>) -> Option<Planned> {
+    /// The planned setpoint that was commanded; those before it that were not seen were skipped, but for as many as cycles
+    /// went unrecorded.
+    fn take_expected(&mut self, record: &CycleRecord, commanded: &JointPos<6>, mut unrecorded: u64) -> Option<Planned> {
         while self.expected.front().is_some_and(|planned| planned.seq < record.seq) {
             self.expected.pop_front();
-            self.figures.skipped += 1;
+            match unrecorded.checked_sub(1) {
+                Some(left) => unrecorded = left,
+                None => self.figures.skipped += 1,
+            }
         }
         let planned = self.expected.pop_front_if(|planned| planned.seq == record.seq)?;
         self.figures.sent += 1;

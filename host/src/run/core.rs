@@ -13,7 +13,7 @@ use std::fmt::Display;
 /// Setpoints the ring holds: 8 s at 500 Hz.
 pub const RING: usize = 4096;
 
-/// Room for telemetry while the host is busy; what does not fit is dropped and counted.
+/// Room for telemetry while the host is busy; what does not fit is dropped.
 const TELEMETRY_MAX: usize = 1 << 20;
 
 /// Robot program and safety state in which setpoints are taken: `runtime_state` playing, `robot_mode` running, and of the
@@ -40,11 +40,14 @@ pub struct Core {
     extruder: ExtruderLine,
     /// Bytes for the host that are not on the wire yet.
     telemetry: Vec<u8>,
-    telemetry_dropped: u64,
     /// The present cycle, until its answer is sent.
     record: Option<CycleRecord>,
     /// Counts packages to the robot: its program takes a setpoint whenever this changes.
     package: u32,
+    /// How many answers are on their way when a telegram comes.
+    depth: Depth,
+    /// Telegrams since the last record that went without an answer.
+    missed: u32,
     realtime: bool,
     note: heapless::String<NOTE_MAX>,
     extruder_failed: bool,
@@ -63,9 +66,10 @@ impl Core {
             robot,
             extruder: ExtruderLine::new(cell.extruder.flow_max, timeout_ns)?,
             telemetry: Vec::with_capacity(TELEMETRY_MAX),
-            telemetry_dropped: 0,
             record: None,
             package: 0,
+            depth: Depth::default(),
+            missed: 0,
             realtime,
             note: shorten(note),
             extruder_failed: false,
@@ -77,11 +81,11 @@ impl Core {
     /// # Errors
     /// [`LinkError`]: the link is down. The host has been told and nothing more is sent to the robot.
     pub fn on_robot(&mut self, now: Nanos, bytes: &[u8]) -> Result<(), LinkError> {
-        let result = self.robot.handle_bytes(now, bytes);
+        let mut result = self.robot.handle_bytes(now, bytes);
         while let Some(event) = self.robot.poll_event() {
             match event {
                 Event::Running { .. } => {}
-                Event::State { state, skipped } if result.is_ok() => self.cycle(now, &state, skipped)?,
+                Event::State { state, skipped } if result.is_ok() => result = self.cycle(now, &state, skipped),
                 Event::State { .. } => {}
                 Event::Text { text, .. } => {
                     if matches!(text.level, TextLevel::Exception | TextLevel::Error) {
@@ -177,13 +181,26 @@ impl Core {
         self.kernel.quit();
     }
 
+    /// Whether the extruder has confirmed that it is told to stand still.
+    pub fn extruder_stands(&self) -> bool {
+        let status = self.extruder.status();
+        status.commanded == 0.0 && status.acknowledged == status.sent
+    }
+
     /// Tells the extruder to stop; the bytes are in [`Self::to_extruder`].
     pub fn stop_extruder(&mut self) {
         // Zero is a flow that every extruder takes.
         let _ = self.extruder.set_flow(0.0);
     }
 
-    fn cycle(&mut self, now: Nanos, state: &RobotState, missed: u32) -> Result<(), LinkError> {
+    fn cycle(&mut self, now: Nanos, state: &RobotState, skipped: u32) -> Result<(), LinkError> {
+        self.missed += skipped;
+        // This process was late with the answer before, and the robot made this telegram without it. Another answer now could
+        // overwrite that one in the robot's registers: a waypoint would be lost.
+        if self.depth.is_deeper(self.package.wrapping_sub(state.arrived as u32)) {
+            self.missed += 1;
+            return Ok(());
+        }
         let ready = state.runtime_state == PLAYING
             && state.robot_mode == RUNNING
             && state.safety_status_bits & SAFETY_MOVING != 0
@@ -202,7 +219,7 @@ impl Core {
             ticked_ns: 0,
             sent_ns: 0,
             robot_time: state.timestamp,
-            missed,
+            missed: std::mem::take(&mut self.missed),
             seq: command.seq,
             mode: command.mode.code(),
             deposit: command.deposit,
@@ -239,19 +256,42 @@ impl Core {
 
     fn say(&mut self, message: &FromKernel) {
         let mut out = [0; 1024];
-        match frame::encode(message, &mut out) {
-            Ok(used) => self.queue(out.get(..used).unwrap_or(&[])),
-            Err(_) => self.telemetry_dropped += 1,
+        // Every message is far shorter than this.
+        if let Ok(used) = frame::encode(message, &mut out) {
+            self.queue(out.get(..used).unwrap_or(&[]));
         }
     }
 
     fn queue(&mut self, bytes: &[u8]) {
-        // Never beyond what was allocated at start.
+        // Never beyond what was allocated at start. A host that does not read misses whole messages, and sees by the ticks of
+        // the cycles how many.
         if self.telemetry.len() + bytes.len() <= self.telemetry.capacity() {
             self.telemetry.extend_from_slice(bytes);
-        } else {
-            self.telemetry_dropped += 1;
         }
+    }
+}
+
+/// How many answers are usually on their way when a telegram comes: none on a quick line, one or more where a round trip
+/// takes longer than a cycle. The usual is the least of the last one to two hundred telegrams.
+#[derive(Clone, Copy, Debug, Default)]
+struct Depth {
+    before: Option<u32>,
+    now: Option<u32>,
+    telegrams: u32,
+}
+
+impl Depth {
+    const WINDOW: u32 = 100;
+
+    /// Whether more answers are on their way than usual.
+    fn is_deeper(&mut self, depth: u32) -> bool {
+        self.now = Some(self.now.map_or(depth, |least| least.min(depth)));
+        self.telegrams += 1;
+        let usual = self.before.into_iter().chain(self.now).min();
+        if self.telegrams == Self::WINDOW {
+            (self.before, self.now, self.telegrams) = (self.now, None, 0);
+        }
+        usual.is_some_and(|usual| depth > usual)
     }
 }
 

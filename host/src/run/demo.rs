@@ -39,7 +39,9 @@ pub struct Demo {
     pub log: Option<PathBuf>,
     /// Where to write what the robot received, a row a cycle.
     pub record: Option<PathBuf>,
-    /// Whether progress is shown.
+    /// Where to write what the extruder was told and did (not in virtual time).
+    pub record_extruder: Option<PathBuf>,
+    /// Whether no progress is shown.
     pub quiet: bool,
 }
 
@@ -49,6 +51,7 @@ impl Demo {
     /// # Errors
     /// [`Failure`].
     pub fn run(&self) -> Result<Summary, Failure> {
+        signal::catch_stop()?;
         let text = quarter_circle(&QuarterCircle::default());
         let model = fim::parse(MODEL_NAME, text.as_bytes()).map_err(|e| e.into_failure(MODEL_NAME, text.as_bytes()))?;
         let cell = Cell::demo(self.rate_hz)?;
@@ -77,11 +80,10 @@ impl Demo {
 
     /// Every part in a process of its own.
     fn timed(&self, print: &Print<'_>, program: &str) -> Result<Summary, Failure> {
-        signal::catch_stop()?;
         let folder = Folder::new()?;
-        let program_file = folder.0.join("robot.script");
+        let program_file = folder.join("robot.script");
         fs::write(&program_file, program).map_err(|error| unreadable(&program_file, &error))?;
-        let cell_file = folder.0.join("cell.toml");
+        let cell_file = folder.join("cell.toml");
         let cell_text = Cell::demo_text(self.rate_hz)?;
         fs::write(&cell_file, cell_text).map_err(|error| unreadable(&cell_file, &error))?;
 
@@ -92,11 +94,12 @@ impl Demo {
         let mut robot = Process::spawn("the simulated robot", robot)?;
         let address = announced(&robot.first_line()?, "listening")?;
 
-        let extruder = children::screed(["sim", "extruder", "--json", "--exit-when-idle", "60"])?;
+        let mut extruder = children::screed(["sim", "extruder", "--json", "--exit-when-idle", "60"])?;
+        extruder.args(self.record_extruder.iter().flat_map(|path| [Path::new("--record"), path]));
         let mut extruder = Process::spawn("the simulated extruder", extruder)?;
         let device = announced(&extruder.first_line()?, "device")?;
 
-        let socket = folder.0.join("rt.sock");
+        let socket = folder.join("rt.sock");
         let mut process = children::screed_rt()?;
         process.arg("--cell").arg(&cell_file).arg("--socket").arg(&socket);
         process.args(["--robot", &address, "--extruder", &device, "--exit-when-idle", "60"]);
@@ -124,11 +127,15 @@ pub fn program(cell: &Cell) -> Result<String, Failure> {
     program.text().map_err(|error| Failure::new(Exit::Input, error.to_string(), "correct [link] in the cell file"))
 }
 
-/// A folder of this run's own among the temporary ones, removed at the end.
-struct Folder(PathBuf);
+/// A folder of this run's own among the temporary ones, for nobody else, removed at the end.
+pub struct Folder(PathBuf);
 
 impl Folder {
-    fn new() -> Result<Self, Failure> {
+    /// Makes it.
+    ///
+    /// # Errors
+    /// [`Failure`] when none can be made.
+    pub fn new() -> Result<Self, Failure> {
         let base = std::env::temp_dir();
         let mut last = None;
         for attempt in 0..100_u32 {
@@ -141,6 +148,14 @@ impl Folder {
         let why = last.map_or_else(String::new, |error| error.to_string());
         let message = format!("no folder can be made in {}: {why}", base.display());
         Err(Failure::new(Exit::Failed, message, "set TMPDIR to a folder that can be written"))
+    }
+}
+
+impl std::ops::Deref for Folder {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        &self.0
     }
 }
 

@@ -5,6 +5,7 @@ use crate::config::Cell;
 use crate::plan::stream::{Batch, Batches, Setpoint as Planned};
 use crate::plan::{Plan, PlanError};
 use crate::run::account::Account;
+use crate::run::words;
 use screed_kernel::frame::{
     self, BatchPart, CODE_MAX, Configure, CycleRecord, FaultReport, FrameError, FromKernel, ModeCode, Reader, Refusal,
     Status, ToKernel, WIRE_MAX,
@@ -26,7 +27,7 @@ pub enum JobError {
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// The kernel refused a message.
-    #[error("the kernel refused {what}: {reason:?}")]
+    #[error("the kernel refused {what}: {}", words::refusal(reason))]
     Refused {
         /// What was sent.
         what: String,
@@ -45,7 +46,7 @@ pub enum JobError {
         error: CodeError,
     },
     /// The kernel stopped on its own.
-    #[error("{}: {} ({:?})", .0.fault.code(), .0.fault.cause(), .0.fault)]
+    #[error("{}", words::fault(&.0.fault))]
     Fault(FaultReport),
     /// The link to the robot failed.
     #[error("{0}")]
@@ -72,6 +73,8 @@ pub enum Outcome {
 pub enum Phase {
     /// Waits for the first status.
     Attaching,
+    /// The kernel stands in a fault: waits for a person to leave it.
+    Faulted(FaultReport),
     /// Waits for a ring left by an earlier host to be played out.
     PlayingOut,
     /// Limits are sent; waits for the robot to be ready.
@@ -100,6 +103,10 @@ pub struct Job {
     reader: Reader,
     phase: Phase,
     status: Option<Status>,
+    /// The epoch before the limits were sent: what is heard of it is older than they are.
+    epoch_before: u32,
+    /// Number of the fault that was left, 0 for none.
+    rearmed: u32,
     /// Whether the status is from after the last batch was taken: its credits count.
     credits_known: bool,
     /// What the process said of itself: real-time or not, and why not.
@@ -131,6 +138,8 @@ impl Job {
             reader: Reader::new(),
             phase: Phase::Attaching,
             status: None,
+            epoch_before: 0,
+            rearmed: 0,
             credits_known: false,
             process: None,
             out: Vec::new(),
@@ -184,6 +193,15 @@ impl Job {
     /// Alarms of links since the last call.
     pub fn take_alarms(&mut self) -> Vec<String> {
         std::mem::take(&mut self.alarms)
+    }
+
+    /// Leaves the fault it found: a person has said so.
+    pub fn rearm(&mut self) {
+        if let Phase::Faulted(report) = self.phase {
+            self.say(&ToKernel::Rearm { fault: report.number });
+            self.rearmed = report.number;
+            self.phase = Phase::Attaching;
+        }
     }
 
     /// Begins to fill the ring from `stream` and plays it: a person has said so.
@@ -283,13 +301,15 @@ impl Job {
         self.status = Some(status);
         self.credits_known = true;
         match (self.phase, status.mode) {
-            (Phase::Attaching, ModeCode::Faulted) => {
-                if let Some(fault) = status.fault {
-                    return Err(JobError::Fault(fault));
+            (Phase::Attaching | Phase::PlayingOut, ModeCode::Faulted) => {
+                // A status from before the command to leave the fault may still be on its way.
+                if let Some(fault) = status.fault.filter(|fault| fault.number != self.rearmed) {
+                    self.phase = Phase::Faulted(fault);
                 }
             }
+            (Phase::Faulted(_), _) => {}
             (Phase::Attaching, mode) => {
-                if status.consumed > 0 {
+                if status.consumed > 0 && status.fault.is_none() {
                     self.left_behind = Some(status);
                 }
                 if matches!(mode, ModeCode::Moving | ModeCode::Stopping) {
@@ -323,6 +343,7 @@ impl Job {
             // A ring held by an earlier host: drop it before new limits are set.
             self.say(&ToKernel::Stop);
         }
+        self.epoch_before = status.epoch;
         let configure = self.configure.clone();
         self.say(&ToKernel::Configure(configure));
         self.phase = Phase::Configuring;
@@ -331,6 +352,7 @@ impl Job {
     fn on_cycle(&mut self, record: &CycleRecord) -> Option<Planned> {
         let planned = self.account.observe(record);
         if self.phase == Phase::Configuring
+            && self.status.is_some_and(|status| status.epoch != self.epoch_before)
             && record.mode == ModeCode::Holding
             && record.seq == 0
             && let Ok(at) = <[f64; 6]>::try_from(record.commanded.as_slice())
@@ -388,7 +410,10 @@ impl Job {
 }
 
 /// A batch as the frames of its parts.
-fn frames(number: u32, batch: &Batch) -> Result<Vec<u8>, JobError> {
+///
+/// # Errors
+/// [`JobError::Code`] when a setpoint is not finite or beyond the grid.
+pub fn frames(number: u32, batch: &Batch) -> Result<Vec<u8>, JobError> {
     let mut frames = Vec::new();
     let mut coder = Coder::new();
     let mut code = [0; CODE_MAX];

@@ -9,6 +9,8 @@ use crate::run::job::Outcome;
 use crate::run::session::{Progress, Session, SessionError, Step, Wishes, degrees};
 use crate::run::signal;
 use crate::run::summary::Summary;
+use crate::run::words;
+use screed_kernel::frame::{FaultReport, ModeCode};
 use std::io::{self, BufRead, ErrorKind, IsTerminal, Read, Write};
 use std::os::fd::AsRawFd;
 use std::os::unix::net::UnixStream;
@@ -42,6 +44,7 @@ pub struct Print<'a> {
 pub struct Attached {
     stream: UnixStream,
     process: Option<Process>,
+    socket: PathBuf,
 }
 
 /// Attaches to the `screed-rt` that answers at `socket`, or starts it with `command`.
@@ -50,7 +53,7 @@ pub struct Attached {
 /// [`Failure`] with what `screed-rt` said, if it ended.
 pub fn attach(socket: &Path, command: Option<Command>) -> Result<Attached, Failure> {
     if let Ok(stream) = UnixStream::connect(socket) {
-        return Ok(Attached { stream, process: None });
+        return Ok(Attached { stream, process: None, socket: socket.to_owned() });
     }
     let Some(command) = command else {
         let message = format!("no screed-rt answers at {}", socket.display());
@@ -61,7 +64,7 @@ pub fn attach(socket: &Path, command: Option<Command>) -> Result<Attached, Failu
     loop {
         process.check()?;
         if let Ok(stream) = UnixStream::connect(socket) {
-            return Ok(Attached { stream, process: Some(process) });
+            return Ok(Attached { stream, process: Some(process), socket: socket.to_owned() });
         }
         if Instant::now() > until {
             let message = format!("screed-rt does not answer at {}", socket.display());
@@ -97,8 +100,17 @@ pub fn open_log(print: &Print<'_>) -> Result<Option<LogWriter>, Failure> {
 /// [`Failure`]; the ring then still plays to its end, and the arm rests on its path.
 pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
     let log = open_log(print)?;
-    let Attached { stream, process } = attached;
+    let Attached { stream, process, socket } = attached;
+    if !print.quiet {
+        eprintln!(
+            "screed-rt answers at {}; should this program be lost, attach another with --attach",
+            socket.display()
+        );
+    }
     let mut session = Session::new(print.cell, print.model, print.wishes.clone(), log);
+    stream.set_nonblocking(true).map_err(|error| {
+        Failure::new(Exit::Link, format!("the socket of screed-rt cannot be used: {error}"), "start it again")
+    })?;
     let mut driver = Driver { stream, started: Instant::now(), shown: None, terminal: io::stderr().is_terminal() };
     let result = driver.drive(&mut session, print);
     if process.is_some() {
@@ -143,10 +155,13 @@ impl Driver {
             self.exchange(session)?;
             if !told && let Some(status) = session.job().left_behind() {
                 told = true;
+                let playing = matches!(status.mode, ModeCode::Moving | ModeCode::Stopping);
                 eprintln!(
-                    "note: an earlier host was lost; its ring was played to its end, the arm rests on its path at setpoint {} \
-                     of {}. To go on with that print, choose the layer with --from-layer.",
-                    status.consumed, status.end_seq
+                    "note: an earlier host was lost; its ring {} to its end, where the arm rests on its path: setpoint {} of {}. \
+                     To go on with that print, choose the layer with --from-layer.",
+                    if playing { "is being played" } else { "was played" },
+                    status.consumed,
+                    status.end_seq
                 );
             }
             for alarm in session.job().take_alarms() {
@@ -156,15 +171,26 @@ impl Driver {
             match session.step(self.started.elapsed().as_secs_f64())? {
                 Step::Running => {}
                 Step::Confirm => answer = self.ask(session, print),
+                Step::Rearm(report) if answer.is_none() => answer = Some(self.ask_rearm(&report, print)),
+                Step::Rearm(_) => {}
                 Step::Ended(Outcome::Complete) => return Ok("complete"),
                 Step::Ended(Outcome::Stopped) => {
                     return Ok(if stopping.is_some() { "interrupted" } else { "stopped" });
                 }
             }
             match answer.as_ref().map(Receiver::try_recv) {
-                Some(Ok(true)) => (answer, _) = (None, session.confirm()),
+                Some(Ok(true)) => {
+                    answer = None;
+                    // Whichever was asked: the other does nothing now.
+                    session.job().rearm();
+                    session.confirm();
+                }
                 Some(Ok(false) | Err(TryRecvError::Disconnected)) => {
-                    return Err(Failure::new(Exit::Failed, "the motion was not confirmed", "nothing has moved"));
+                    return Err(Failure::new(
+                        Exit::Failed,
+                        "what was asked was not confirmed",
+                        "nothing has moved; start again when it may",
+                    ));
                 }
                 Some(Err(TryRecvError::Empty)) | None => {}
             }
@@ -188,7 +214,6 @@ impl Driver {
         let mut line = libc::pollfd { fd: self.stream.as_raw_fd(), events: libc::POLLIN, revents: 0 };
         // SAFETY: one entry, which outlives the call.
         unsafe { libc::poll(&raw mut line, 1, 5) };
-        self.stream.set_nonblocking(true).map_err(|_| gone())?;
         let mut bytes = [0; 65536];
         match self.stream.read(&mut bytes) {
             Ok(0) => return Err(gone()),
@@ -209,6 +234,9 @@ impl Driver {
     fn ask(&mut self, session: &mut Session<'_>, print: &Print<'_>) -> Option<Receiver<bool>> {
         if let Some(plan) = session.plan() {
             let approach = plan.approach();
+            if approach.lifted {
+                eprintln!("the tool is first lifted straight up to the travel height");
+            }
             eprintln!("approach, joints in degrees:");
             eprintln!("  from {}", degrees(&approach.from));
             eprintln!("  to   {}", degrees(&approach.to));
@@ -223,15 +251,19 @@ impl Driver {
             session.confirm();
             return None;
         }
-        eprint!("The robot will move. Type yes to begin: ");
-        let (sender, receiver) = mpsc::channel();
-        // A thread of its own, so that the print is listened to while the person thinks.
-        std::thread::spawn(move || {
-            let mut line = String::new();
-            let read = io::stdin().lock().read_line(&mut line);
-            let _ = sender.send(read.is_ok() && line.trim() == "yes");
-        });
-        Some(receiver)
+        Some(answer_to("The robot will move. Type yes to begin: ", "yes"))
+    }
+
+    /// Shows the fault that the process stands in and asks whether to leave it.
+    fn ask_rearm(&mut self, report: &FaultReport, print: &Print<'_>) -> Receiver<bool> {
+        eprintln!("screed-rt stands in fault {}, {}", report.number, words::fault(&report.fault));
+        eprintln!("remedy: {}", report.fault.action());
+        if print.yes {
+            let (sender, receiver) = mpsc::channel();
+            let _ = sender.send(true);
+            return receiver;
+        }
+        answer_to("Type re-arm to leave it (nothing moves yet): ", "re-arm")
     }
 
     /// A line of progress: in place on a terminal, every five seconds elsewhere.
@@ -259,16 +291,30 @@ impl Driver {
     }
 }
 
+/// Asks on standard error; the answer comes from a thread of its own, so that the print is listened to while the person
+/// thinks.
+fn answer_to(question: &str, wanted: &'static str) -> Receiver<bool> {
+    eprint!("{question}");
+    let (sender, receiver) = mpsc::channel();
+    std::thread::spawn(move || {
+        let mut line = String::new();
+        let read = io::stdin().lock().read_line(&mut line);
+        let _ = sender.send(read.is_ok() && line.trim() == wanted);
+    });
+    receiver
+}
+
 /// One line: layer, share, time left, errors, cycles missed, scheduling.
 pub fn progress_line(session: &mut Session<'_>, progress: &Progress) -> String {
     let realtime = session.job().process().is_some_and(|(realtime, _)| realtime);
     let figures = &session.job().account().figures;
     let millimetres = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{:.3}", value * 1e3));
-    let layer = progress.layer.map_or("approach".to_owned(), |layer| {
-        format!("layer {} ({} to {})", layer, progress.layers.0, progress.layers.1.saturating_sub(1))
-    });
     format!(
-        "{layer}  {:5.1} %  {:.0} s left  contour {} mm, lag {} mm  doubled {}  late {}  {}",
+        "layer {} of {} to {}, {}  {:5.1} %  {:.0} s left  contour {} mm, lag {} mm  doubled {}  late {}  {}",
+        progress.layer,
+        progress.layers.0,
+        progress.layers.1.saturating_sub(1),
+        progress.kind,
         progress.share * 100.0,
         progress.seconds_left,
         millimetres(figures.commanded_contour.max()),

@@ -19,6 +19,9 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+/// How long the end may wait for the extruder and the host.
+const LAST_WORDS: Duration = Duration::from_millis(200);
+
 /// Arguments of `screed-rt`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct RtArgs {
@@ -213,11 +216,15 @@ impl Process {
     fn serve(&mut self, exit_when_idle: Option<u64>) -> Result<(), RtError> {
         let result = self.cycles(exit_when_idle);
         self.core.stop_extruder();
-        self.exchange_extruder();
-        // What the host has to hear is at most a few frames; it has a moment to take them.
-        let until = Instant::now() + Duration::from_millis(200);
-        while self.host.stream.is_some() && !self.core.to_host().is_empty() && Instant::now() < until {
+        // The extruder confirms that it stands, and the host hears the last of it, or they take too long.
+        let until = Instant::now() + LAST_WORDS;
+        loop {
+            self.exchange_extruder();
             self.host.exchange(&mut self.core);
+            let told = self.host.stream.is_none() || self.core.to_host().is_empty();
+            if (told && self.core.extruder_stands()) || Instant::now() > until {
+                break;
+            }
             std::thread::sleep(Duration::from_millis(1));
         }
         result
@@ -229,10 +236,11 @@ impl Process {
             self.send_to_robot()?;
             self.wait()?;
             self.hear_robot()?;
-            self.core.on_time(self.now())?;
             self.exchange_extruder();
-            self.host.accept(&mut self.core);
+            self.core.on_time(self.now())?;
+            // In this order: a host that has just gone makes room for the next.
             self.host.exchange(&mut self.core);
+            self.host.accept(&mut self.core);
             let idle = self.host.stream.is_none()
                 && exit_when_idle.is_some_and(|limit| self.host.idle_since.elapsed().as_secs() >= limit);
             if (signal::stop_requested() || idle) && !ending {

@@ -11,7 +11,7 @@ use crate::plan::{Options as PlanOptions, Plan, PlanError};
 use crate::run::account::Account;
 use crate::run::job::{Job, JobError, Outcome, Phase};
 use crate::run::summary::Summary;
-use screed_kernel::frame::CycleRecord;
+use screed_kernel::frame::{CycleRecord, FaultReport, ModeCode};
 use screed_kernel::units::{JointPos, Nanos, Tick};
 use std::sync::Arc;
 
@@ -39,10 +39,12 @@ pub struct Wishes {
 }
 
 /// What is left to do for whoever drives the session.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
     /// Go on.
     Running,
+    /// The kernel stands in a fault: show it and ask; then [`Job::rearm`].
+    Rearm(FaultReport),
     /// The plan is there: show the approach and ask; then [`Session::confirm`].
     Confirm,
     /// It is over.
@@ -114,6 +116,7 @@ impl<'a> Session<'a> {
                 Ok(Step::Running)
             }
             Phase::Ended(outcome) => Ok(Step::Ended(outcome)),
+            Phase::Faulted(report) => Ok(Step::Rearm(report)),
             _ => Ok(Step::Running),
         }
     }
@@ -147,7 +150,8 @@ impl<'a> Session<'a> {
         let total = plan.last_seq();
         let left = f64::from(total.saturating_sub(at.seq)) * self.period();
         Some(Progress {
-            layer: at.deposit.then_some(at.layer),
+            layer: at.layer,
+            kind: at.kind,
             layers: layers(plan),
             share: f64::from(at.seq) / f64::from(total.max(1)),
             seconds_left: left,
@@ -217,6 +221,10 @@ fn logged(record: &CycleRecord, at: Option<&Planned>) -> LogRecord {
     }
     if record.missed > 0 {
         flags |= Flags::SKIPPED.0;
+        // The robot had the setpoint before once more.
+        if matches!(record.mode, ModeCode::Moving | ModeCode::Stopping) {
+            flags |= Flags::DOUBLED.0;
+        }
     }
     LogRecord {
         tick: Tick(record.tick),
@@ -238,8 +246,10 @@ fn logged(record: &CycleRecord, at: Option<&Planned>) -> LogRecord {
 /// How far a print is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
-    /// The layer being printed, or printed last; `None` before the first.
-    pub layer: Option<usize>,
+    /// The layer that the move under way belongs to.
+    pub layer: usize,
+    /// What the move is for.
+    pub kind: MoveKind,
     /// Layers of this print: first and one past the last index in the model.
     pub layers: (usize, usize),
     /// Share of the path's setpoints commanded.

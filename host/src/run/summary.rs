@@ -78,11 +78,14 @@ impl fmt::Display for Summary {
             row("", &self.scheduling_note)?;
         }
         row("outcome", self.outcome)?;
-        row("path on the layers", &format!("{:.3} m in {:.2} s", self.path_length_m, self.layer_time_s))?;
-        row("approach and between layers", &format!("{:.2} s", self.between_time_s))?;
+        row("planned path on the layers", &format!("{:.3} m in {:.2} s", self.path_length_m, self.layer_time_s))?;
+        row("planned approach and between layers", &format!("{:.2} s", self.between_time_s))?;
         row("volume", &format!("{:.3} l", figures.volume_m3 * 1e3))?;
         row("waypoints planned / sent", &format!("{} / {}", self.planned, figures.sent))?;
         row("waypoints doubled / skipped", &format!("{} / {}", figures.doubled, figures.skipped))?;
+        if figures.unrecorded > 0 {
+            row("cycles this program failed to record", &figures.unrecorded.to_string())?;
+        }
         let stalls = format!("{} of {}, longest {:.1} ms", figures.stalls, figures.cycles, figures.stall_max_s * 1e3);
         row("cycles this machine began late", &stalls)?;
         row("commanded path against the IFC curves", &spread(&figures.commanded_contour))?;

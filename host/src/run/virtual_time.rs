@@ -159,7 +159,7 @@ pub fn print(print: &Print<'_>, surroundings: Virtual) -> Result<Summary, Failur
     session.finish()?;
     record.as_mut().map_or(Ok(()), Record::finish)?;
     let mut summary = session.summary(print.source.0, result?);
-    "virtual time".clone_into(&mut summary.scheduling_note);
+    (summary.scheduling, summary.scheduling_note) = ("virtual time", String::new());
     summary.log = print.log.as_ref().map(|path| path.display().to_string());
     Ok(summary)
 }
@@ -180,6 +180,8 @@ fn play(
         match step {
             Step::Running => {}
             Step::Confirm => session.confirm(),
+            // A fresh kernel has none.
+            Step::Rearm(_) => session.job().rearm(),
             Step::Ended(Outcome::Complete) => return Ok("complete"),
             Step::Ended(Outcome::Stopped) => return Ok(if interrupted { "interrupted" } else { "stopped" }),
         }

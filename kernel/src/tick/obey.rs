@@ -75,12 +75,13 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     }
 
     fn configure(&mut self, configure: &Configure) -> Result<(), Refusal> {
-        let holding = self.mode == Mode::Holding && self.ring.is_empty();
+        let holding = self.mode == Mode::Holding && self.ring.is_empty() && self.correction.is_none();
         if !holding && self.mode != Mode::Unready {
             return Err(Refusal::Mode);
         }
         self.config = Some(Config::new(configure, &self.arm)?);
-        self.change(Event::Lost);
+        // Holding, the arm stands where it was last told to: that stays its target. It is only counted anew.
+        self.begin();
         Ok(())
     }
 

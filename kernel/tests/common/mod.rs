@@ -1,6 +1,9 @@
 //! What the kernel's tests share: seeded numbers, a small arm, and a kernel with a host's two ends of the line.
 #![allow(dead_code)] // Each test takes what it needs.
 
+pub mod fuzz;
+pub mod program;
+
 use screed_kernel::arm::{Arm, Dh};
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::frame::{

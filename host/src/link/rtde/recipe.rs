@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 /// A field's name and its type by the RTDE guide.
 pub type Field = (&'static str, FieldType);
 
-const OUTPUT_COUNT: usize = 9;
+const OUTPUT_COUNT: usize = 10;
 const INPUT_COUNT: usize = 7;
 
 /// The outputs, in the order in which they are asked for.
@@ -23,6 +23,7 @@ pub const fn outputs(register_offset: u8) -> [Field; OUTPUT_COUNT] {
         ("runtime_state", FieldType::Uint32),
         ("robot_mode", FieldType::Int32),
         (if register_offset == 0 { "output_int_register_0" } else { "output_int_register_24" }, FieldType::Int32),
+        (if register_offset == 0 { "input_int_register_0" } else { "input_int_register_24" }, FieldType::Int32),
         // Last: what a package that lost its end shows here, the next one's header, is no joint and mostly no set of bits.
         ("safety_status_bits", FieldType::Uint32),
     ]
@@ -54,7 +55,7 @@ pub const fn inputs(register_offset: u8) -> [Field; INPUT_COUNT] {
 }
 
 /// Bytes of a package of outputs: header, recipe id, values.
-pub const OUTPUT_PACKAGE_SIZE: u16 = 3 + 1 + 8 + 4 * 48 + 4 * 4;
+pub const OUTPUT_PACKAGE_SIZE: u16 = 3 + 1 + 8 + 4 * 48 + 5 * 4;
 /// Bytes of a package of inputs: header, recipe id, values.
 pub const INPUT_PACKAGE_SIZE: usize = 3 + 1 + 6 * 8 + 4;
 
@@ -81,6 +82,8 @@ pub struct RobotState {
     pub safety_status_bits: u32,
     /// What the robot program says in its output register, see [`super::program::ProgramState`].
     pub program_state: i32,
+    /// Sequence number of the setpoint that had arrived when this state was made.
+    pub arrived: i32,
 }
 
 impl RobotState {
@@ -96,6 +99,7 @@ impl RobotState {
             runtime_state: reader.u32()?,
             robot_mode: reader.i32()?,
             program_state: reader.i32()?,
+            arrived: reader.i32()?,
             safety_status_bits: reader.u32()?,
         };
         reader.rest().is_empty().then_some(state)

@@ -22,6 +22,7 @@ fn data(state: &RobotState) -> Vec<u8> {
     payload.extend(state.runtime_state.to_be_bytes());
     payload.extend(state.robot_mode.to_be_bytes());
     payload.extend(state.program_state.to_be_bytes());
+    payload.extend(state.arrived.to_be_bytes());
     payload.extend(state.safety_status_bits.to_be_bytes());
     package(b'U', &payload)
 }
@@ -38,13 +39,14 @@ fn state(cycle: u32) -> RobotState {
         robot_mode: 7,
         safety_status_bits: 1,
         program_state: 1,
+        arrived: 1,
     }
 }
 
 fn answers() -> [Vec<u8>; 5] {
     let mut version = Vec::new();
     version.extend([5_u32, 11, 6, 1].map(u32::to_be_bytes).concat());
-    let outputs = b"\x01DOUBLE,VECTOR6D,VECTOR6D,VECTOR6D,VECTOR6D,UINT32,INT32,INT32,UINT32";
+    let outputs = b"\x01DOUBLE,VECTOR6D,VECTOR6D,VECTOR6D,VECTOR6D,UINT32,INT32,INT32,INT32,UINT32";
     let inputs = b"\x02DOUBLE,DOUBLE,DOUBLE,DOUBLE,DOUBLE,DOUBLE,INT32";
     [package(b'V', &[1]), package(b'v', &version), package(b'O', outputs), package(b'I', inputs), package(b'S', &[1])]
 }
@@ -73,6 +75,7 @@ fn running() -> RtdeClient {
 fn requests_go_out_one_at_a_time_as_the_protocol_wants_them() {
     let mut client = client();
     let outputs = "timestamp,actual_q,actual_qd,target_q,actual_TCP_pose,runtime_state,robot_mode,output_int_register_0,\
+         input_int_register_0,\
                    safety_status_bits";
     let inputs = "input_double_register_0,input_double_register_1,input_double_register_2,input_double_register_3,\
                   input_double_register_4,input_double_register_5,input_int_register_0";
@@ -168,7 +171,7 @@ fn silence_and_half_a_package_are_told_apart() {
     }
     let incomplete = LinkError::Incomplete { received: 50, size: recipe::OUTPUT_PACKAGE_SIZE, waited_ns };
     assert_eq!(client.handle_timeout(now.plus(TIMEOUT_NS)), Err(incomplete));
-    assert!(incomplete.to_string().contains("50 bytes of a package of 220"), "{incomplete}");
+    assert!(incomplete.to_string().contains("50 bytes of a package of 224"), "{incomplete}");
     assert_eq!(client.handle_closed(), incomplete);
 }
 
@@ -236,7 +239,7 @@ fn impossible_values_are_named() {
 fn every_refusal_in_the_negotiation_has_its_error() {
     let outputs = |types: &str| package(b'O', &[b"\x01", types.as_bytes()].concat());
     let inputs = |types: &str| package(b'I', &[b"\x01", types.as_bytes()].concat());
-    let good = "DOUBLE,VECTOR6D,VECTOR6D,VECTOR6D,VECTOR6D,UINT32,INT32,INT32,UINT32";
+    let good = "DOUBLE,VECTOR6D,VECTOR6D,VECTOR6D,VECTOR6D,UINT32,INT32,INT32,INT32,UINT32";
     let old = [3_u32, 15, 0, 1].map(u32::to_be_bytes).concat();
     let cases = [
         (0, package(b'V', &[0]), LinkError::ProtocolRefused),

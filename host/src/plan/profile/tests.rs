@@ -172,3 +172,13 @@ fn rests_are_found_and_the_state_before_and_after_is_at_rest() {
     assert_eq!((after.velocity, after.acceleration), (0.0, 0.0));
     assert!((after.s - 0.4).abs() < 1e-15);
 }
+
+#[test]
+fn the_last_value_within_is_found_whatever_the_shape() {
+    let steep = last_within(0.0, 1.0, 0.0, |x| x.powi(30) - 1e-9);
+    assert!((steep - 1e-9f64.powf(1.0 / 30.0)).abs() < 1e-13);
+    // From above down to where it is infinite, and a jump.
+    assert!((last_within(8.0, 0.0, 1e-15, |x| 1.0 / x - 4.0) - 0.25).abs() < 1e-15);
+    let jump = last_within(0.0, 1.0, 0.0, |x| if x <= 0.3 { -1.0 } else { 5.0 });
+    assert!(jump <= 0.3 && jump > 0.3 - 1e-15);
+}
