@@ -275,6 +275,7 @@ impl Host {
                 seconds = 2.4 * farthest(&goal) + 0.4;
             }
             4 => seconds *= 0.2,
+            5 => seconds += 6.0,
             _ => {}
         }
         let samples = (seconds * 1e9 / self.sample_ns as f64) as u32 | 1;

@@ -75,7 +75,7 @@ impl Tape {
 
     /// What comes before a tick: bytes from the host, events around the kernel. Returns the tick's time and sensors.
     pub fn before(&mut self, kernel: &mut TapeKernel) -> (Nanos, Sensors<JOINTS>) {
-        self.host.talk(kernel, self.robot.actual(), &mut self.outcome.seen);
+        self.host.talk(kernel, self.robot.path(), &mut self.outcome.seen);
         match self.random.below(6000) {
             0 => kernel.raise(Fault::Extruder),
             1 => kernel.robot_lost(),

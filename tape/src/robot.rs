@@ -24,6 +24,8 @@ pub struct Robot {
     random: Random,
     now: Nanos,
     actual: JointPos<JOINTS>,
+    /// Where it would be without a correction.
+    path: JointPos<JOINTS>,
     trouble: Trouble,
     /// The joint it is about, and ticks that it lasts.
     joint: u32,
@@ -41,10 +43,12 @@ const RAMP: RampLimits =
 impl Robot {
     /// At rest, all well.
     pub fn new(seed: u64) -> Self {
+        let actual = JointPos([0.1, -0.7, 0.9, -0.4, 0.6, 0.2]);
         Self {
             random: Random(seed),
             now: Nanos(0),
-            actual: JointPos([0.1, -0.7, 0.9, -0.4, 0.6, 0.2]),
+            actual,
+            path: actual,
             trouble: Trouble::Nothing,
             joint: 0,
             ticks: 0,
@@ -53,9 +57,9 @@ impl Robot {
         }
     }
 
-    /// Where it is (rad).
-    pub const fn actual(&self) -> &JointPos<JOINTS> {
-        &self.actual
+    /// Where it is on its path (rad): what a batch goes on from.
+    pub const fn path(&self) -> &JointPos<JOINTS> {
+        &self.path
     }
 
     /// The next tick's time and sensors.
@@ -84,7 +88,7 @@ impl Robot {
             Some(joints) => self.actual = joints,
             None if self.random.once_in(4) => {
                 self.actual = JointPos(core::array::from_fn(|_| self.random.between(-1.0, 1.0)));
-                if self.random.once_in(4) {
+                if self.random.once_in(10) {
                     let joint = self.random.below(JOINTS as u32);
                     if let Some(position) = self.actual.0.get_mut(joint as usize) {
                         *position = POSITION_MAX + 1e-6;
@@ -92,6 +96,10 @@ impl Robot {
                 }
             }
             None => {}
+        }
+        self.path = self.actual;
+        for (position, correction) in self.path.0.iter_mut().zip(&command.correction.0) {
+            *position -= correction;
         }
     }
 
