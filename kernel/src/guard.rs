@@ -191,6 +191,8 @@ impl<const N: usize> Differences<N> {
         let [a, b, c] = &self.last;
         let motion = &limits.motion;
         for joint in 0..N {
+            #[cfg(test)]
+            crate::steps::count();
             let at = |values: &[f64; N]| values.get(joint).copied().unwrap_or(f64::NAN);
             let (q0, q1, q2, q3) = (at(&next.0), at(&a.0), at(&b.0), at(&c.0));
             let (low, high) = (at(&limits.position_min.0), at(&limits.position_max.0));

@@ -17,5 +17,7 @@ pub mod pose;
 pub mod ramp;
 pub mod ring;
 pub mod setpoint;
+#[cfg(test)]
+mod steps;
 pub mod tick;
 pub mod units;

@@ -128,3 +128,53 @@ impl Mode {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_person_sets_in_motion_and_leads_out_of_a_fault_and_a_fault_always_stops() {
+        let fault = Fault::Extruder;
+        let other = Fault::RobotNotReady;
+        let causes = [StopCause::Hold, StopCause::Stop, StopCause::Fault(fault)];
+        let stopping = causes.map(|cause| Mode::Stopping { cause });
+        let modes = [Mode::Unready, Mode::Holding, Mode::Moving, Mode::Faulted { fault }].into_iter().chain(stopping);
+        let events = [
+            Event::Ready,
+            Event::Lost,
+            Event::Resume,
+            Event::Hold,
+            Event::Stop,
+            Event::Fault(other),
+            Event::PlayedOut,
+            Event::AtRest,
+            Event::Rearm,
+        ];
+        for mode in modes {
+            for event in events {
+                let next = mode.next(event);
+                if next == Some(Mode::Moving) {
+                    assert_eq!(event, Event::Resume, "{mode:?}");
+                }
+                // The first fault is kept until a person answers it.
+                if mode.fault().is_some() {
+                    assert!(
+                        next.is_none_or(|next| next.fault() == Some(fault) || event == Event::Rearm),
+                        "{mode:?} {event:?}"
+                    );
+                } else if mode != Mode::Unready && event == Event::Fault(other) {
+                    assert_eq!(next, Some(Mode::Stopping { cause: StopCause::Fault(other) }));
+                }
+                if event == Event::Lost {
+                    assert!(matches!(next, Some(Mode::Unready | Mode::Faulted { .. })));
+                }
+                if event == Event::AtRest && next.is_some() {
+                    assert!(matches!(mode, Mode::Stopping { .. }));
+                }
+            }
+        }
+        assert_eq!(Mode::Faulted { fault }.next(Event::Rearm), Some(Mode::Unready));
+        assert_eq!(stopping[2].next(Event::Rearm), None, "not before it is at rest");
+    }
+}

@@ -102,6 +102,8 @@ impl<const N: usize> Coder<N> {
         };
         let mut used = 1;
         for (history, position) in self.joints.iter_mut().zip(&mut setpoint.joints.0) {
+            #[cfg(test)]
+            crate::steps::count();
             let index = on_grid(predict(history, self.seen), take_varint(bytes, &mut used)?)?;
             *history = [index, history[0], history[1]];
             *position = index as f64 * JOINT_QUANTUM;
@@ -175,6 +177,8 @@ fn put_varint(value: i64, out: &mut [u8], used: &mut usize) -> Result<(), CodeEr
 fn take_varint(bytes: &[u8], used: &mut usize) -> Result<i64, CodeError> {
     let mut value = 0_u64;
     for place in 0..VARINT_MAX {
+        #[cfg(test)]
+        crate::steps::count();
         let byte = *bytes.get(*used).ok_or(CodeError::Short)?;
         *used += 1;
         let low = u64::from(byte & 0x7f);

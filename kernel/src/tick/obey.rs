@@ -120,6 +120,8 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         let mut seq = part.first_seq;
         let mut code = part.code;
         while !code.is_empty() {
+            #[cfg(test)]
+            crate::steps::count();
             let (setpoint, used) = incoming.coder.decode(code).map_err(|_| Refusal::Code)?;
             code = code.get(used..).unwrap_or(&[]);
             let fits = incoming.differences.push(&setpoint.joints, &config.plan, config.periods.sample);

@@ -75,9 +75,9 @@ impl Source {
     }
 
     fn step(&mut self, targets: [f64; 2], flow: f64, period: f64) -> Setpoint<2> {
-        for j in 0..2 {
+        for (j, target) in targets.into_iter().enumerate() {
             let (slope_max, curvature_max) = (PLAN.acceleration_max.0[j], PLAN.jerk_max.0[j]);
-            self.v[j].step(targets[j], &RampLimits { slope_max, curvature_max }, period);
+            self.v[j].step(target, &RampLimits { slope_max, curvature_max }, period);
             self.q[j] += self.v[j].value * period;
         }
         self.flow = flow_on_grid(flow);
