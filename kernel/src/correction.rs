@@ -86,8 +86,8 @@ impl<const N: usize> Correction<N> {
     /// The first [`Violation`], joints in order; nothing has changed then.
     pub fn follow(&mut self, next: &JointPos<N>, limits: &CorrectionLimits, period: f64) -> Result<(), Violation> {
         let mut joints = self.joints;
-        for (index, (joint, &value)) in joints.iter_mut().zip(&next.0).enumerate() {
-            let fail = |quantity, value, limit| Err(Violation { quantity, joint: index as u8, value, limit });
+        for (index, (joint, &value)) in (0..N as u8).zip(joints.iter_mut().zip(&next.0)) {
+            let fail = |quantity, value, limit| Err(Violation { quantity, joint: index, value, limit });
             if !value.is_finite() {
                 return fail(Quantity::Finite, 0.0, limits.size_max);
             }

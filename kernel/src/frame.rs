@@ -50,29 +50,33 @@ pub fn encode<M: Serialize>(message: &M, out: &mut [u8]) -> Result<usize, FrameE
     let [version, rest @ ..] = &mut plain;
     *version = VERSION;
     let room = rest.get_mut(..FRAME_MAX - ENVELOPE).ok_or(FrameError::TooLong)?;
-    let body = 1 + postcard::to_slice(message, room).map_err(|_| FrameError::TooLong)?.len();
+    let body = postcard::to_slice(message, room).map_err(|_| FrameError::TooLong)?.len().saturating_add(1);
     let crc = plain.iter().take(body).fold(CRC_START, |crc, &byte| crc_step(crc, byte));
-    plain.get_mut(body..body + 4).ok_or(FrameError::TooLong)?.copy_from_slice(&(!crc).to_le_bytes());
-    stuff(plain.get(..body + 4).ok_or(FrameError::TooLong)?, out)
+    let place = plain.get_mut(body..).and_then(|rest| rest.first_chunk_mut());
+    *place.ok_or(FrameError::TooLong)? = (!crc).to_le_bytes();
+    stuff(plain.get(..body.saturating_add(4)).ok_or(FrameError::TooLong)?, out)
 }
 
 /// COBS: runs of up to 254 bytes without a zero, each behind a byte that gives its length plus one.
 fn stuff(plain: &[u8], out: &mut [u8]) -> Result<usize, FrameError> {
-    let (mut code_at, mut used, mut code) = (0, 1, 1_u8);
     let mut put = |at: usize, byte: u8| out.get_mut(at).map(|slot| *slot = byte).ok_or(FrameError::TooLong);
+    // Where the present run's length stands is known only when the run ends; until then its place is kept.
+    put(0, 0)?;
+    let (mut code_at, mut used, mut code) = (0, 1, 1_u8);
     for &byte in plain {
         if code == u8::MAX {
             put(code_at, code)?;
+            put(used, 0)?;
             (code_at, used, code) = (used, used + 1, 1);
         }
+        put(used, byte)?;
         if byte == 0 {
             put(code_at, code)?;
-            (code_at, used, code) = (used, used + 1, 1);
+            (code_at, code) = (used, 1);
         } else {
-            put(used, byte)?;
-            used += 1;
             code += 1;
         }
+        used += 1;
     }
     put(code_at, code)?;
     put(used, 0)?;
@@ -118,17 +122,18 @@ impl Reader {
             self.zero_follows = byte != u8::MAX;
             self.started = true;
         } else {
-            self.store(byte);
             self.left -= 1;
+            self.store(byte);
         }
         None
     }
 
     fn store(&mut self, byte: u8) {
-        match self.plain.get_mut(self.len) {
+        let len = self.len;
+        match self.plain.get_mut(len) {
             Some(slot) => {
                 *slot = byte;
-                self.len += 1;
+                self.len = len + 1;
                 self.crc = crc_step(self.crc, byte);
             }
             None => self.failed = Some(FrameError::TooLong),

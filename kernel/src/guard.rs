@@ -244,13 +244,13 @@ impl Workspace {
         }
         let base_from_flange: Pose = arm.forward(joints);
         let points = [base_from_flange.translation, base_from_flange.transform_point(&self.tcp_in_flange)];
-        for (index, plane) in self.planes.iter().enumerate() {
+        for (index, plane) in (0..PLANES_MAX as u8).zip(&self.planes) {
             let normal = Vector3::from(plane.normal_in_base);
             for point_in_base in &points {
                 let value = normal.dot(point_in_base);
                 if exceeds(value, plane.offset) {
-                    let (quantity, joint) = (Quantity::Workspace, index as u8);
-                    return Err(Violation { quantity, joint, value, limit: plane.offset });
+                    let quantity = Quantity::Workspace;
+                    return Err(Violation { quantity, joint: index, value, limit: plane.offset });
                 }
             }
         }

@@ -199,9 +199,8 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         if let (Some(out), Some(waiting)) = (out.get_mut(..count), outbox.get(..count)) {
             out.copy_from_slice(waiting);
         }
-        let rest = outbox.len() - count;
-        outbox.rotate_left(count);
-        outbox.truncate(rest);
+        outbox.copy_within(count.., 0);
+        outbox.truncate(outbox.len() - count);
         count
     }
 
@@ -398,8 +397,12 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     fn say(&mut self, message: &FromKernel) {
         let mut bytes = [0; 512];
         // With nobody reading, the outbox is full and the answer is dropped: a host that comes asks for the status.
-        if let Ok(used) = frame::encode(message, &mut bytes) {
-            let _ = self.outbox.extend_from_slice(bytes.get(..used).unwrap_or(&[]));
+        if let Ok(used) = frame::encode(message, &mut bytes)
+            && used <= OUTBOX.saturating_sub(self.outbox.len())
+        {
+            for &byte in bytes.iter().take(used) {
+                let _ = self.outbox.push(byte);
+            }
         }
     }
 
@@ -431,6 +434,6 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
 
 /// The joint in which two positions differ most, and by how much (rad or m).
 fn farthest<const N: usize>(a: &JointPos<N>, b: &JointPos<N>) -> (u8, f64) {
-    let distances = a.0.iter().zip(&b.0).map(|(a, b)| libm::fabs(a - b)).enumerate();
-    distances.fold((0, 0.0), |far, (joint, near)| if near > far.1 { (joint as u8, near) } else { far })
+    let distances = a.0.iter().zip(&b.0).map(|(a, b)| libm::fabs(a - b));
+    (0_u8..).zip(distances).fold((0, 0.0), |far, near| if near.1 > far.1 { near } else { far })
 }
