@@ -130,6 +130,28 @@ fn hold_rests_within_a_second_on_the_path_and_resume_plays_on() {
 }
 
 #[test]
+fn a_stop_in_motion_rests_drops_the_ring_and_a_new_batch_starts_from_there() {
+    let mut bench = moving(400);
+    let epoch = bench.status().epoch;
+    bench.say(&ToKernel::Stop);
+    assert_eq!(bench.batch(500, Some(499), &sweep(0.3, 0.5, 500)), Some(Refusal::Mode), "there will be no ring");
+    let rest = until_rest(&mut bench).pop().unwrap().joints.unwrap();
+    let status = bench.status();
+    assert_eq!((status.mode, status.end_seq, status.epoch), (ModeCode::Holding, status.consumed, epoch + 1));
+    assert_eq!(bench.batch(status.consumed + 1, None, &sweep(rest.0[0], 0.1, 500)), None);
+    bench.resume();
+    until_rest(&mut bench);
+    assert_eq!(bench.sensors.actual, JointPos([0.1, 0.2].map(joint_on_grid)));
+    bench.say(&ToKernel::Quit);
+    assert!(bench.kernel.may_quit());
+    let mut bench = moving(400);
+    bench.say(&ToKernel::Quit);
+    assert!(!bench.kernel.may_quit());
+    until_rest(&mut bench);
+    assert!(bench.kernel.may_quit());
+}
+
+#[test]
 fn a_hold_still_takes_batches_and_a_stop_drops_the_ring_also_at_rest() {
     let mut bench = moving(400);
     bench.say(&ToKernel::Hold);

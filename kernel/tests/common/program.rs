@@ -12,10 +12,11 @@ use screed_kernel::units::{JointAcc, JointJerk, JointPos, JointVel};
 
 const CAP: usize = 512;
 const CORRECTION: CorrectionLimits = CorrectionLimits { size_max: 0.02, velocity_max: 0.05, acceleration_max: 0.5 };
+/// One joint whose stops are felt most as acceleration, one whose jerks are.
 const PLAN: Motion<2> = Motion {
     velocity_max: JointVel([1.5, 1.0]),
-    acceleration_max: JointAcc([8.0, 12.0]),
-    jerk_max: JointJerk([120.0, 400.0]),
+    acceleration_max: JointAcc([3.0, 12.0]),
+    jerk_max: JointJerk([40.0, 400.0]),
 };
 /// Sample and tick periods (ns).
 const PERIODS_NS: [(u64, u64); 5] = [
@@ -84,17 +85,26 @@ impl Source {
         Setpoint { joints: JointPos(self.q.map(joint_on_grid)), flow: self.flow, deposit: flow > 0.0 }
     }
 
+    /// Speeds towards random places near the middle, often the highest.
+    fn targets(&self, random: &mut Random) -> [f64; 2] {
+        std::array::from_fn(|j| {
+            let speed = PLAN.velocity_max.0[j] * [1.0, random.between(0.0, 1.0)][random.below(2) as usize];
+            if self.q[j] > random.between(-1.0, 1.0) { -speed } else { speed }
+        })
+    }
+
     /// A random piece of motion and its stop tail, with the source as it was behind every sample.
     fn batch(mut self, random: &mut Random, period: f64) -> Vec<(Setpoint<2>, Self)> {
         let mut samples = Vec::new();
         for _ in 0..1 + random.below(4) {
-            let centre = [random.between(-1.0, 1.0), random.between(-1.0, 1.0)];
-            let targets = std::array::from_fn(|j| {
-                let speed = PLAN.velocity_max.0[j] * [1.0, random.between(0.0, 1.0)][random.below(2) as usize];
-                if self.q[j] > centre[j] { -speed } else { speed }
-            });
+            // Now and then every sample has its own targets: then every third difference has its own sign.
+            let shaky = random.below(4) == 0;
             let flow = [0.0, 1e-5][random.below(2) as usize];
+            let mut targets = self.targets(random);
             for _ in 0..1 + random.below(40) {
+                if shaky {
+                    targets = self.targets(random);
+                }
                 samples.push((self.step(targets, flow, period), self));
             }
         }
@@ -119,6 +129,7 @@ struct Program {
     base: (u32, Source),
     /// What the kernel has taken behind that.
     taken: Vec<(Setpoint<2>, Source)>,
+    corrects: bool,
     correction: Option<[Ramp; 2]>,
     last: Command<2>,
     stuck: bool,
@@ -129,22 +140,21 @@ impl Program {
     fn new(seed: u64) -> Self {
         let mut random = Random(seed);
         let (sample_ns, tick_ns) = PERIODS_NS[random.below(PERIODS_NS.len() as u64) as usize];
-        let configure: Configure = configure(&PLAN, sample_ns, tick_ns, CORRECTION);
+        // Without corrections the limits are only what path clock and interpolation need.
+        let limits = [CorrectionLimits::NONE, CORRECTION][random.below(2) as usize];
+        let configure: Configure = configure(&PLAN, sample_ns, tick_ns, limits);
         let periods = Periods { sample: sample_ns as f64 * 1e-9, tick: tick_ns as f64 * 1e-9 };
         let mut bench = Bench::new(configure);
         let last = bench.tick();
-        let judge = Judge {
-            limits: output_least(&PLAN, periods, &CORRECTION),
-            period: periods.tick,
-            last: None,
-            used: [0.0; 3],
-        };
+        let judge =
+            Judge { limits: output_least(&PLAN, periods, &limits), period: periods.tick, last: None, used: [0.0; 3] };
         Self {
             random,
             epoch: bench.status().epoch,
             bench,
             judge,
             sample: periods.sample,
+            corrects: limits != CorrectionLimits::NONE,
             base: (0, Source::at_rest([0.1, 0.2].map(joint_on_grid))),
             taken: Vec::new(),
             correction: None,
@@ -316,6 +326,7 @@ impl Program {
                 12 => self.say(&ToKernel::Stop),
                 13 => self.disturb(),
                 14 if self.correction.is_some() => self.correction = None,
+                14 if !self.corrects => {}
                 14 if self.last.correction == JointPos::ZERO && self.last.mode.fault().is_none() => {
                     self.correction = Some([Ramp::at(0.0); 2]);
                 }
