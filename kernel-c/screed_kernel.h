@@ -88,7 +88,8 @@ size_t screed_kernel_size(void);
 size_t screed_kernel_align(void);
 
 /* Makes a kernel in `size` bytes at `memory`: unconfigured, with an empty ring. NULL when the memory is missing, too small or not
- * aligned. Nothing has to be undone: the memory may be used for something else whenever the kernel is no longer needed. */
+ * aligned. Nothing has to be undone: the memory may be used for something else whenever the kernel is no longer needed.
+ * This call alone needs a stack as large as the kernel: make it before the loop. */
 screed_kernel *screed_kernel_init(void *memory, size_t size);
 
 /* Takes bytes from the host and obeys every frame that ends in them. Returns how many were taken: at most
