@@ -160,5 +160,6 @@ mod tests {
     #[test]
     fn the_definition_is_sound() {
         Cli::command().debug_assert();
+        RtCli::command().debug_assert();
     }
 }
