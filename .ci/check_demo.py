@@ -211,6 +211,7 @@ def check_table(run, layers):
     hold(table["layers"] == [0, layers], f"layers {table['layers']}")
     hold(table["sent"] == table["planned"] > 0, f"{table['sent']} of {table['planned']} waypoints sent")
     hold(table["skipped"] == 0, f"{table['skipped']} waypoints skipped")
+    hold(table["unrecorded"] == 0, f"{table['unrecorded']} cycles not recorded")
     own = table["commanded_contour"]["max_m"]
     hold(own <= CONTOUR, f"contour {own} m by its own account")
     if not run.timed:
