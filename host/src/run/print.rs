@@ -207,7 +207,15 @@ impl Driver {
 
     /// Waits a little for the process, hears it, and says what there is to say.
     fn exchange(&mut self, session: &mut Session<'_>) -> Result<(), Failure> {
-        let gone = || Failure::new(Exit::Link, "screed-rt has ended", "look at what it said, and start it again");
+        let greeted = session.job().process().is_some();
+        let gone = || match greeted {
+            true => Failure::new(Exit::Link, "screed-rt has ended", "see where the arm stands, then start again"),
+            false => Failure::new(
+                Exit::Link,
+                "screed-rt closed the connection at once: another host is attached to it",
+                "wait until that one has ended, or end it",
+            ),
+        };
         let mut line = libc::pollfd { fd: self.stream.as_raw_fd(), events: libc::POLLIN, revents: 0 };
         // SAFETY: one entry, which outlives the call.
         unsafe { libc::poll(&raw mut line, 1, 5) };
