@@ -7,6 +7,7 @@ mod log;
 mod plan;
 mod print;
 mod sim;
+mod tape;
 
 use crate::failure::{Exit, Failure};
 use crate::model::fim::{self, FimModel};
@@ -81,9 +82,19 @@ fn run(command: &Command) -> Result<(), Failure> {
 /// `screed-rt`: the real-time process alone.
 #[derive(Debug, Parser)]
 #[command(name = "screed-rt", version = VERSION)]
+#[command(args_conflicts_with_subcommands = true, arg_required_else_help = true)]
 struct RtCli {
     #[command(flatten)]
-    args: RtArgs,
+    args: Option<RtArgs>,
+    #[command(subcommand)]
+    command: Option<RtCommand>,
+}
+
+#[derive(Debug, Subcommand)]
+enum RtCommand {
+    /// Play the kernel's test tape and compare what it gives with the expected bits
+    #[command(hide = true)]
+    Tape,
 }
 
 /// The program `screed-rt` on the process' own arguments.
@@ -95,9 +106,15 @@ pub fn rt_main() -> ExitCode {
             return if error.use_stderr() { Exit::Usage.into() } else { ExitCode::SUCCESS };
         }
     };
-    match rt::run(&cli.args) {
+    let result = match (&cli.command, &cli.args) {
+        (Some(RtCommand::Tape), _) => tape::run(),
+        (None, Some(args)) => rt::run(args).map_err(Failure::from),
+        // Without any argument there was the help to read; with some, clap asks for those that are needed.
+        (None, None) => Err(Failure::new(Exit::Usage, "there is nothing to run", "give --cell and --socket")),
+    };
+    match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => tell(&error.into()),
+        Err(failure) => tell(&failure),
     }
 }
 

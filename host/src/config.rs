@@ -4,6 +4,7 @@
 //! impossible in it gives no [`Cell`], but all that is wrong with it, each with its place and a remedy.
 
 mod error;
+mod kernel;
 mod keys;
 mod read;
 mod sections;
@@ -14,6 +15,7 @@ pub use error::{ConfigError, Fault, Finding};
 
 use read::Document;
 use screed_kernel::arm::Arm;
+use screed_kernel::guard::Plane;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::{JointAcc, JointJerk, JointPos, JointVel};
 use std::path::{Path, PathBuf};
@@ -29,6 +31,8 @@ pub struct Cell {
     pub tool: Tool,
     /// Where the part is built.
     pub part: Part,
+    /// What flange and nozzle must not pass, at most one bound each way along each axis.
+    pub workspace: Vec<Bound>,
     /// The limits of the tool while it deposits.
     pub limits: Limits,
     /// The limits of the tool between layers, and of the approach.
@@ -75,6 +79,15 @@ pub struct Tool {
 pub struct Part {
     /// The part frame (the FIM wall's placement) in the robot's base frame: the cell file gives both in the site frame.
     pub base_from_part: Pose,
+}
+
+/// One bound of the workspace.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bound {
+    /// Its key in the cell file.
+    pub key: &'static str,
+    /// The plane, in the robot's base frame.
+    pub plane: Plane,
 }
 
 /// Limits of the tool centre point while it deposits.

@@ -21,10 +21,12 @@ pub use error::{Place, PlanError};
 use crate::config::Cell;
 use crate::model::fim::{FimModel, Layer};
 use approach::Approach;
-use check::{Broken, JointCheck};
+use check::JointCheck;
+use error::JointQuantity;
 use moves::{Move, MoveKind};
 use path::Point;
 use route::Route;
+use screed_kernel::guard::{Quantity, Violation};
 use screed_kernel::ik::ur;
 use screed_kernel::units::JointPos;
 use stream::{Batches, Setpoint};
@@ -165,12 +167,12 @@ impl Plan {
     }
 
     fn verified(&self, cell: &Cell) -> Result<BatchMax, PlanError> {
-        let mut path = JointCheck::new(&cell.robot, self.rate, &self.start);
+        let mut path = JointCheck::new(cell, &self.start)?;
         let mut max = BatchMax::default();
-        let judge = |check: &mut JointCheck<'_>, setpoints: &[Setpoint]| {
+        let judge = |check: &mut JointCheck, setpoints: &[Setpoint]| {
             setpoints
                 .iter()
-                .try_for_each(|setpoint| check.follow(setpoint).map_err(|limit| self.broken(setpoint, limit)))
+                .try_for_each(|setpoint| check.follow(setpoint).map_err(|limit| self.broken(cell, setpoint, limit)))
         };
         for batch in self.batches() {
             let batch = batch?;
@@ -182,13 +184,27 @@ impl Plan {
         Ok(max)
     }
 
-    fn broken(&self, setpoint: &Setpoint, Broken { joint, quantity, found, limit }: Broken) -> PlanError {
+    fn broken(&self, cell: &Cell, setpoint: &Setpoint, violation: Violation) -> PlanError {
         let point = self.tooling.point_in_part(&setpoint.joints);
         let segment = match self.move_of(setpoint.seq).map(|step| &step.route) {
             Some(Route::Curves(curves)) => Some(curves.nearest_segment(&point)),
             _ => None,
         };
         let place = Box::new(self.place(setpoint.kind, setpoint.layer, Some(point), segment));
+        let Violation { quantity, joint, value: found, limit } = violation;
+        let joint = usize::from(joint);
+        let quantity = match quantity {
+            Quantity::Velocity => JointQuantity::Velocity,
+            Quantity::Acceleration => JointQuantity::Acceleration,
+            Quantity::Jerk => JointQuantity::Jerk,
+            Quantity::Finite | Quantity::Position => {
+                return PlanError::JointRange { place, joint, position: found, limit };
+            }
+            Quantity::Workspace => {
+                let bound = cell.workspace.get(joint).map_or("", |bound| bound.key);
+                return PlanError::Workspace { place, bound, by: found - limit };
+            }
+        };
         PlanError::JointLimit { place, joint, quantity, found, limit }
     }
 

@@ -1,6 +1,12 @@
 //! The path clock: plays the ring at 0 to 100 %, jerk-limited, and interpolates between samples, so that slowing down and
 //! stopping never leave the path.
+//!
+//! Path time θ runs at the rate θ̇ in 0 to 1, with |θ̈| ≤ [`RATE_SLOPE_MAX`] and |θ⃛| ≤ [`RATE_CURVATURE_MAX`] at every rate
+//! profile; [`crate::guard`] says what that adds to the path's own speed, acceleration and jerk. A tick advances the clock by
+//! one tick period, also when it comes late: the time lost stays lost.
 
+use crate::interpolate::interpolate;
+use crate::ramp::{Ramp, RampLimits};
 use crate::ring::Ring;
 use crate::setpoint::Setpoint;
 use crate::units::JointPos;
@@ -11,15 +17,22 @@ pub const RATE_SLOPE_MAX: f64 = 1.5;
 /// How fast the rate's slope may change (1/s²). From 100 % to rest takes 1/1.5 + 1.5/6 = 0.92 s.
 pub const RATE_CURVATURE_MAX: f64 = 6.0;
 
-/// Rate, phase, and the four samples around the phase.
+const RATE_LIMITS: RampLimits = RampLimits { slope_max: RATE_SLOPE_MAX, curvature_max: RATE_CURVATURE_MAX };
+
+/// Samples that the interpolation looks at.
+const WINDOW: usize = 6;
+
+/// A phase this near to the next sample is that sample: n ticks of 1/n sample each may miss it by rounding.
+const PHASE_ROUNDING: f64 = 1e-12;
+
+/// Rate, phase, and the samples around the phase.
 #[derive(Clone, Debug)]
 pub struct PathClock<const N: usize> {
-    rate: f64,
-    slope: f64,
+    rate: Ramp,
     target: f64,
-    /// Where between `window[1]` (0) and `window[2]` (1) the path is.
+    /// Where between `window[2]` (0) and `window[3]` (1) the path is.
     phase: f64,
-    window: [Sample<N>; 4],
+    window: [Sample<N>; WINDOW],
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -35,7 +48,8 @@ pub struct Played<const N: usize> {
     pub seq: u32,
     /// Joint targets (rad or m).
     pub joints: JointPos<N>,
-    /// Extrusion rate (m³/s), scaled by the clock's rate.
+    /// Extrusion rate (m³/s): the mean over this tick, such that what is laid down between two places of the path is the
+    /// same at any rate. A setpoint's flow is that of the interval which ends at it.
     pub flow: f64,
     /// Whether material is being laid.
     pub deposit: bool,
@@ -43,14 +57,14 @@ pub struct Played<const N: usize> {
 
 impl<const N: usize> PathClock<N> {
     /// At rest at `at`, target rate 0.
-    pub fn at_rest(at: JointPos<N>, seq: u32) -> Self {
+    pub const fn at_rest(at: JointPos<N>, seq: u32) -> Self {
         let still = Sample { seq, setpoint: Setpoint { joints: at, flow: 0.0, deposit: false } };
-        Self { rate: 0.0, slope: 0.0, target: 0.0, phase: 0.0, window: [still; 4] }
+        Self { rate: Ramp::at(0.0), target: 0.0, phase: 0.0, window: [still; WINDOW] }
     }
 
     /// Rate now, 0 to 1.
     pub const fn rate(&self) -> f64 {
-        self.rate
+        self.rate.value
     }
 
     /// Sets the rate to reach; false (and no change) when it is not in 0 to 1.
@@ -64,106 +78,77 @@ impl<const N: usize> PathClock<N> {
 
     /// Whether the clock stands and is to stand.
     pub fn is_stopped(&self) -> bool {
-        self.rate == 0.0 && self.slope == 0.0 && self.target == 0.0
+        self.rate == Ramp::at(0.0) && self.target == 0.0
     }
 
-    /// Whether everything taken from the ring has been played: only repeats of the last setpoint are ahead.
-    pub fn is_played_out(&self) -> bool {
-        let [_, here, _, newest] = &self.window;
-        here.seq == newest.seq
+    /// Whether everything taken from the ring has been played: the path stands.
+    pub const fn is_played_out(&self) -> bool {
+        let [oldest, .., newest] = &self.window;
+        oldest.seq == newest.seq
     }
 
     /// The newest three samples taken from the ring, newest first: a batch that replaces what follows must join them.
-    pub fn newest_three(&self) -> [JointPos<N>; 3] {
-        let [_, b, c, d] = &self.window;
-        [d.setpoint.joints, c.setpoint.joints, b.setpoint.joints]
+    pub const fn newest_three(&self) -> [JointPos<N>; 3] {
+        let [_, _, _, a, b, c] = &self.window;
+        [c.setpoint.joints, b.setpoint.joints, a.setpoint.joints]
     }
 
-    /// Advances by one period. `samples` is that period in sample periods, in (0, 1].
+    /// Advances by one tick of `period` s, which is `samples` sample periods, in (0, 1].
     pub fn advance<const CAP: usize>(&mut self, ring: &mut Ring<N, CAP>, period: f64, samples: f64) -> Played<N> {
-        let before = self.rate;
-        self.step_rate(period);
-        self.phase += 0.5 * (before + self.rate) * samples;
-        if self.phase >= 1.0 {
-            self.phase -= 1.0;
+        let moved = samples * self.rate.step(self.target, &RATE_LIMITS, period);
+        let phase = self.phase + moved;
+        let mut flow = self.next_flow();
+        if phase >= 1.0 - PHASE_ROUNDING {
+            let (left, over) = (1.0 - self.phase, (phase - 1.0).max(0.0));
             self.shift(ring);
+            self.phase = over;
+            flow = (left * flow + over * self.next_flow()) / samples;
+        } else {
+            self.phase = phase;
+            flow *= moved / samples;
         }
         if self.is_played_out() && ring.is_empty() {
             // All that is ahead is the same place; a phase kept here would only shift the next batch in time.
             self.phase = 0.0;
         }
-        self.played()
+        self.played(flow)
     }
 
     /// Goes to the target rate at once if everything taken has been played: the next setpoints start at rest, their own ramp
     /// is the ramp, and they are put out exactly as they came.
     pub fn start(&mut self) {
         if self.is_played_out() && self.phase == 0.0 {
-            self.rate = self.target;
-            self.slope = 0.0;
+            self.rate = Ramp::at(self.target);
         }
+    }
+
+    /// Flow of the interval that the phase is in.
+    const fn next_flow(&self) -> f64 {
+        let [_, _, _, next, ..] = &self.window;
+        next.setpoint.flow
     }
 
     fn shift<const CAP: usize>(&mut self, ring: &mut Ring<N, CAP>) {
+        let [_, a, b, c, d, e] = self.window;
         let newest = match ring.consume() {
             Some((seq, setpoint)) => Sample { seq, setpoint },
-            None => {
-                // Behind the ring's end the last setpoint stands again.
-                let [.., last] = self.window;
-                Sample { setpoint: Setpoint { flow: 0.0, ..last.setpoint }, ..last }
-            }
+            // Behind the ring's end the last setpoint stands again.
+            None => Sample { setpoint: Setpoint { flow: 0.0, ..e.setpoint }, ..e },
         };
-        let [_, a, b, c] = self.window;
-        self.window = [a, b, c, newest];
+        self.window = [a, b, c, d, e, newest];
     }
 
-    /// One step of a time-optimal approach of the target under bounds on slope and curvature. With the slope running
-    /// straight from s to s' over the period h, the new slope is the largest from which braking at curvature c still ends at
-    /// the target: s'·h/2 + s'²/(2c) = gap − s·h/2. Near the target this lands exactly.
-    fn step_rate(&mut self, period: f64) {
-        let gap = self.target - self.rate;
-        let step = RATE_CURVATURE_MAX * period;
-        if libm::fabs(gap) < 1e-12 && libm::fabs(self.slope) <= step {
-            (self.rate, self.slope) = (self.target, 0.0);
-            return;
-        }
-        let ahead = gap - 0.5 * self.slope * period;
-        let half = 0.5 * step;
-        let braking = libm::sqrt(half * half + 2.0 * RATE_CURVATURE_MAX * libm::fabs(ahead)) - half;
-        let wanted = libm::copysign(braking.min(RATE_SLOPE_MAX), ahead);
-        let slope = self.slope + (wanted - self.slope).max(-step).min(step);
-        self.rate = (self.rate + 0.5 * (self.slope + slope) * period).clamp(0.0, 1.0);
-        self.slope = slope;
-    }
-
-    fn played(&self) -> Played<N> {
-        let [before, here, next, after] = &self.window;
-        let t = self.phase;
-        let joints = if t == 0.0 {
-            here.setpoint.joints
+    fn played(&self, flow: f64) -> Played<N> {
+        let [q0, q1, here, next, q4, q5] = &self.window;
+        let (joints, deposit) = if self.phase == 0.0 {
+            (here.setpoint.joints, here.setpoint.deposit)
         } else {
-            JointPos(core::array::from_fn(|j| {
-                let at = |sample: &Sample<N>| sample.setpoint.joints.0.get(j).copied().unwrap_or(f64::NAN);
-                interpolate([at(before), at(here), at(next), at(after)], t)
-            }))
+            let at = |sample: &Sample<N>, j: usize| sample.setpoint.joints.0.get(j).copied().unwrap_or(0.0);
+            let joint = |j| interpolate([q0, q1, here, next, q4, q5].map(|sample| at(sample, j)), self.phase);
+            (JointPos(core::array::from_fn(joint)), next.setpoint.deposit)
         };
-        let flow = here.setpoint.flow + t * (next.setpoint.flow - here.setpoint.flow);
-        Played { seq: here.seq, joints, flow: flow * self.rate, deposit: here.setpoint.deposit }
+        Played { seq: here.seq, joints, flow, deposit }
     }
-}
-
-/// Quintic Hermite interpolation between the middle two of four equidistant samples, with velocity and acceleration at both
-/// taken from central differences: passes through the samples, continuous to the second derivative.
-/// The basis is the usual one (e.g. Biagiotti and Melchiorri, "Trajectory Planning for Automatic Machines and Robots", 2.1.7).
-fn interpolate(q: [f64; 4], t: f64) -> f64 {
-    let [q0, q1, q2, q3] = q;
-    let (v1, v2) = (0.5 * (q2 - q0), 0.5 * (q3 - q1));
-    let (a1, a2) = (q2 - 2.0 * q1 + q0, q3 - 2.0 * q2 + q1);
-    let step = q2 - q1;
-    let c3 = 10.0 * step - 6.0 * v1 - 4.0 * v2 - 1.5 * a1 + 0.5 * a2;
-    let c4 = -15.0 * step + 8.0 * v1 + 7.0 * v2 + 1.5 * a1 - a2;
-    let c5 = 6.0 * step - 3.0 * (v1 + v2) - 0.5 * (a1 - a2);
-    q1 + t * (v1 + t * (0.5 * a1 + t * (c3 + t * (c4 + t * c5))))
 }
 
 #[cfg(test)]
@@ -192,15 +177,23 @@ mod tests {
 
     #[test]
     fn at_full_rate_every_setpoint_is_put_out_as_it_came() {
-        let (mut ring, mut clock) = moving(500);
-        clock.start();
-        let expected: Vec<f64> = (1..=500).map(|seq| ring.get(seq).unwrap().joints.0[0]).collect();
-        let played: Vec<_> = (0..510).map(|_| clock.advance(&mut ring, PERIOD, 1.0)).collect();
-        let first = played.iter().position(|p| p.seq == 1).unwrap();
-        for (k, value) in expected.iter().enumerate() {
-            assert_eq!((played[first + k].seq, played[first + k].joints.0[0]), (k as u32 + 1, *value));
+        // 3 and 10 are no powers of two: a third of a sample three times over is still the next sample.
+        for ticks in [1, 2, 3, 4, 8, 10] {
+            let (mut ring, mut clock) = moving(500);
+            clock.start();
+            let expected: Vec<_> = (1..=500).map(|seq| *ring.get(seq).unwrap()).collect();
+            let samples = 1.0 / ticks as f64;
+            let played: Vec<_> =
+                (0..510 * ticks).map(|_| clock.advance(&mut ring, PERIOD * samples, samples)).collect();
+            let first = played.iter().position(|p| p.seq == 1).unwrap();
+            for (k, setpoint) in expected.iter().enumerate() {
+                let played = played[first + k * ticks];
+                assert_eq!((played.seq, played.joints), (k as u32 + 1, setpoint.joints), "{ticks} ticks a sample");
+                assert!(played.flow == setpoint.flow || ticks == 3 || ticks == 10);
+                assert!((played.flow - setpoint.flow).abs() < 1e-12);
+            }
+            assert!(clock.is_played_out());
         }
-        assert!(clock.is_played_out());
     }
 
     #[test]
@@ -220,23 +213,37 @@ mod tests {
             assert!(ticks < 500, "not at rest after a second");
         }
         for w in rates.windows(3) {
-            assert!((w[1] - w[2]) / PERIOD <= RATE_SLOPE_MAX * 1.001 && w[2] <= w[1]);
-            assert!((w[2] - 2.0 * w[1] + w[0]).abs() / (PERIOD * PERIOD) <= RATE_CURVATURE_MAX * 1.05, "{w:?}");
+            assert!((w[1] - w[2]) / PERIOD <= RATE_SLOPE_MAX * 1.000_001 && w[2] <= w[1]);
+            assert!((w[2] - 2.0 * w[1] + w[0]).abs() / (PERIOD * PERIOD) <= RATE_CURVATURE_MAX * 1.000_001, "{w:?}");
         }
     }
 
     #[test]
-    fn the_flow_laid_down_does_not_depend_on_the_rate() {
-        let volume = |target: f64| {
+    fn the_flow_laid_down_up_to_a_place_does_not_depend_on_the_rate() {
+        // Volume at each sample of the path, at rates that change all the time.
+        let volumes = |samples: f64, target: fn(u32) -> f64| {
             let (mut ring, mut clock) = moving(500);
-            assert!(clock.set_target(target));
-            let mut volume = 0.0;
-            while !(clock.is_played_out() && ring.is_empty()) {
-                volume += clock.advance(&mut ring, PERIOD, 1.0).flow * PERIOD;
+            let (mut volume, mut tick, mut volumes) = (0.0, 0, Vec::new());
+            while !(clock.is_played_out() && ring.is_empty() && tick > 0) {
+                assert!(clock.set_target(target(tick)));
+                let played = clock.advance(&mut ring, PERIOD * samples, samples);
+                // What this tick laid down behind the sample it passed belongs to the next interval.
+                let beyond = clock.phase * clock.next_flow() * PERIOD;
+                volume += played.flow * PERIOD * samples;
+                volumes.resize(played.seq as usize + 1, volume - beyond);
+                tick += 1;
             }
-            volume
+            volumes
         };
+        let full = volumes(1.0, |_| 1.0);
+        let changing = |tick: u32| [0.9, 0.05, 1.0, 0.3][tick as usize / 150 % 4];
+        for other in [volumes(1.0, |_| 0.37), volumes(1.0, changing), volumes(0.25, changing), volumes(0.5, |_| 1.0)] {
+            assert_eq!(other.len(), 501);
+            for (a, b) in full.iter().zip(&other) {
+                assert!((a - b).abs() < 1e-12, "{a} and {b}");
+            }
+        }
         // ∫30 t²(1−t)² dt = 1, over 500 samples of 2 ms: 1 s.
-        assert!((volume(1.0) - 1.0).abs() < 1e-3 && (volume(0.37) - 1.0).abs() < 1e-3);
+        assert!((full[500] - 1.0).abs() < 1e-5);
     }
 }

@@ -1,11 +1,12 @@
-//! Why the kernel stopped on its own.
+//! Why the kernel stopped on its own. `docs/faults.md` lists the same codes, causes and actions.
 
+use crate::guard::Quantity;
 use serde::{Deserialize, Serialize};
 
 /// What only a tick can find. Each has a code, a cause in words and an action.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Fault {
-    /// A joint is farther from its target than the cell file allows.
+    /// A joint's actual position is farther from its target than the cell file allows.
     Following {
         /// Joint, 0 for the first.
         joint: u8,
@@ -14,7 +15,7 @@ pub enum Fault {
         /// Distance allowed.
         limit: f64,
     },
-    /// A sensor value is not finite.
+    /// A measured or estimated position is not finite.
     Sensor {
         /// Joint, 0 for the first.
         joint: u8,
@@ -25,9 +26,31 @@ pub enum Fault {
     Extruder,
     /// The output would break a limit; the last good output is held.
     Output {
+        /// Which limit.
+        quantity: Quantity,
         /// Joint, 0 for the first.
         joint: u8,
-        /// Value found (SI).
+        /// Value found (SI); 0 for [`Quantity::Finite`].
+        value: f64,
+        /// Value allowed.
+        limit: f64,
+    },
+    /// A joint's estimated position is farther from its target than the cell file allows.
+    Deviation {
+        /// Joint, 0 for the first.
+        joint: u8,
+        /// Distance found (rad or m).
+        value: f64,
+        /// Distance allowed.
+        limit: f64,
+    },
+    /// A correction breaks its limits; the last good one is ramped out.
+    Correction {
+        /// Which limit; [`Quantity::Position`] is its size.
+        quantity: Quantity,
+        /// Joint, 0 for the first.
+        joint: u8,
+        /// Value found (SI); 0 for [`Quantity::Finite`].
         value: f64,
         /// Value allowed.
         limit: f64,
@@ -35,6 +58,17 @@ pub enum Fault {
 }
 
 impl Fault {
+    /// One of each kind, in the order of their codes.
+    pub const KINDS: [Self; 7] = [
+        Self::Following { joint: 0, value: 0.0, limit: 0.0 },
+        Self::Sensor { joint: 0 },
+        Self::RobotNotReady,
+        Self::Output { quantity: Quantity::Finite, joint: 0, value: 0.0, limit: 0.0 },
+        Self::Extruder,
+        Self::Deviation { joint: 0, value: 0.0, limit: 0.0 },
+        Self::Correction { quantity: Quantity::Finite, joint: 0, value: 0.0, limit: 0.0 },
+    ];
+
     /// The code in logs and messages.
     pub const fn code(&self) -> &'static str {
         match self {
@@ -43,6 +77,8 @@ impl Fault {
             Self::RobotNotReady => "K3",
             Self::Output { .. } => "K4",
             Self::Extruder => "K5",
+            Self::Deviation { .. } => "K6",
+            Self::Correction { .. } => "K7",
         }
     }
 
@@ -50,10 +86,12 @@ impl Fault {
     pub const fn cause(&self) -> &'static str {
         match self {
             Self::Following { .. } => "the robot does not follow its setpoints",
-            Self::Sensor { .. } => "the robot reports a position that is not a number",
+            Self::Sensor { .. } => "a measured or estimated position is not a number",
             Self::RobotNotReady => "the robot no longer takes setpoints",
+            Self::Output { .. } => "an output broke a limit at the last gate",
             Self::Extruder => "the extruder failed",
-            Self::Output { .. } => "a setpoint broke a limit at the last gate",
+            Self::Deviation { .. } => "the estimated position deviates from its target",
+            Self::Correction { .. } => "a correction broke its limits",
         }
     }
 
@@ -66,8 +104,12 @@ impl Fault {
             }
             Self::Sensor { .. } => "check the link and the controller's state; then re-arm",
             Self::RobotNotReady => "look at the robot's program and safety state, start it again by hand; then re-arm",
-            Self::Extruder => "look at the extruder and its line; then re-arm",
             Self::Output { .. } => "save the log and report it: the plan passed a check that the output did not",
+            Self::Extruder => "look at the extruder and its line; then re-arm",
+            Self::Deviation { .. } => {
+                "check the tracker and its registration, and that nothing moved the base; then re-arm"
+            }
+            Self::Correction { .. } => "check the tracker, and what moves the base so far or so fast; then re-arm",
         }
     }
 }

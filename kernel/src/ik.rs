@@ -38,7 +38,7 @@ impl<const N: usize> Branches<N> {
     fn push(&mut self, joints: JointPos<N>) {
         if let Some(slot) = self.joints.get_mut(self.len) {
             *slot = joints;
-            self.len += 1;
+            self.len = self.len.wrapping_add(1);
         }
     }
 

@@ -5,13 +5,19 @@
 pub mod arm;
 pub mod arms;
 pub mod clock;
+pub mod config;
+pub mod correction;
 pub mod fault;
 pub mod frame;
 pub mod guard;
 pub mod ik;
+pub mod interpolate;
 pub mod mode;
 pub mod pose;
+pub mod ramp;
 pub mod ring;
 pub mod setpoint;
+#[cfg(test)]
+mod steps;
 pub mod tick;
 pub mod units;

@@ -1,14 +1,17 @@
 //! The kernel's states and the one function that changes them.
 //!
 //! ```text
-//!          robot ready           resume           hold, stop, fault
-//!  Unready ────────────> Holding ────────> Moving ──────────────────> Stopping ──┐
-//!   ^   ^                 ^   ^              │ played out                │       │ at rest
-//!   │   │ link lost       │   └──────────────┴───────────────────────────┘       │ after a
-//!   │   └── (any mode)    └── at rest after hold or stop                         │ fault
-//!   └───────────────────────── Faulted <─────────────────────────────────────────┘
-//!            re-arm
+//!          robot ready           resume              hold, stop, fault
+//!  Unready ────────────> Holding ────────> Moving ─────────────────────> Stopping ──┐
+//!   ^   ^                 ^   ^ │            │ played out                ^ │       │ at rest
+//!   │   │ robot or link   │   │ └────────────│───────────────────────────┘ │       │ after a
+//!   │   │ lost            │   └──────────────┘        fault                │       │ fault
+//!   │   └──               └───────────── at rest after hold or stop ───────┘       │
+//!   │        re-arm                                                                │
+//!   └──────────────────────── Faulted <────────────────────────────────────────────┘
 //! ```
+//!
+//! Every fault passes through Stopping, if only for one tick: there a correction is ramped out as well.
 
 use crate::fault::Fault;
 use crate::frame::ModeCode;
@@ -22,7 +25,7 @@ pub enum Mode {
     Holding,
     /// Playing the ring.
     Moving,
-    /// The path clock is coming to rest.
+    /// The path clock is coming to rest, and after a fault the correction too.
     Stopping {
         /// Why.
         cause: StopCause,
@@ -50,7 +53,8 @@ pub enum StopCause {
 pub enum Event {
     /// Configured, and the robot reports where it is and takes setpoints.
     Ready,
-    /// The link to the robot is gone, or a new configuration came: positions must be learnt anew.
+    /// The robot at rest no longer takes setpoints, its link is gone, or a new configuration came: positions must be learnt
+    /// anew.
     Lost,
     /// A person's command to play.
     Resume,
@@ -73,11 +77,15 @@ impl Mode {
     pub fn next(self, event: Event) -> Option<Self> {
         use StopCause as Cause;
         Some(match (self, event) {
+            // Only a person leads out of a fault.
+            (Self::Stopping { cause: Cause::Fault(fault) } | Self::Faulted { fault }, Event::Lost) => {
+                Self::Faulted { fault }
+            }
             (_, Event::Lost) => Self::Unready,
             (Self::Unready, Event::Ready) => Self::Holding,
             (Self::Holding, Event::Resume) => Self::Moving,
             (Self::Holding, Event::Hold | Event::Stop) => self,
-            (Self::Holding, Event::Fault(fault)) => Self::Faulted { fault },
+            (Self::Holding, Event::Fault(fault)) => Self::Stopping { cause: Cause::Fault(fault) },
             (Self::Moving, Event::Hold) => Self::Stopping { cause: Cause::Hold },
             (Self::Moving, Event::Stop) => Self::Stopping { cause: Cause::Stop },
             (Self::Moving, Event::Fault(fault)) => Self::Stopping { cause: Cause::Fault(fault) },
@@ -118,5 +126,55 @@ impl Mode {
             Self::Faulted { fault } | Self::Stopping { cause: StopCause::Fault(fault) } => Some(*fault),
             _ => None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_person_sets_in_motion_and_leads_out_of_a_fault_and_a_fault_always_stops() {
+        let fault = Fault::Extruder;
+        let other = Fault::RobotNotReady;
+        let causes = [StopCause::Hold, StopCause::Stop, StopCause::Fault(fault)];
+        let stopping = causes.map(|cause| Mode::Stopping { cause });
+        let modes = [Mode::Unready, Mode::Holding, Mode::Moving, Mode::Faulted { fault }].into_iter().chain(stopping);
+        let events = [
+            Event::Ready,
+            Event::Lost,
+            Event::Resume,
+            Event::Hold,
+            Event::Stop,
+            Event::Fault(other),
+            Event::PlayedOut,
+            Event::AtRest,
+            Event::Rearm,
+        ];
+        for mode in modes {
+            for event in events {
+                let next = mode.next(event);
+                if next == Some(Mode::Moving) {
+                    assert_eq!(event, Event::Resume, "{mode:?}");
+                }
+                // The first fault is kept until a person answers it.
+                if mode.fault().is_some() {
+                    assert!(
+                        next.is_none_or(|next| next.fault() == Some(fault) || event == Event::Rearm),
+                        "{mode:?} {event:?}"
+                    );
+                } else if mode != Mode::Unready && event == Event::Fault(other) {
+                    assert_eq!(next, Some(Mode::Stopping { cause: StopCause::Fault(other) }));
+                }
+                if event == Event::Lost {
+                    assert!(matches!(next, Some(Mode::Unready | Mode::Faulted { .. })));
+                }
+                if event == Event::AtRest && next.is_some() {
+                    assert!(matches!(mode, Mode::Stopping { .. }));
+                }
+            }
+        }
+        assert_eq!(Mode::Faulted { fault }.next(Event::Rearm), Some(Mode::Unready));
+        assert_eq!(stopping[2].next(Event::Rearm), None, "not before it is at rest");
     }
 }

@@ -17,6 +17,18 @@ struct Extent {
     slot: u32,
 }
 
+impl Extent {
+    /// Sequence number of the setpoint so far behind the first. It does not wrap: [`Ring::push`] refuses before.
+    const fn seq(&self, behind: u32) -> u32 {
+        self.first_seq.wrapping_add(behind)
+    }
+
+    /// Slot of the setpoint so far behind the first, in a ring of `CAP`.
+    const fn slot<const CAP: usize>(&self, behind: u32) -> usize {
+        self.slot.wrapping_add(behind) as usize % CAP
+    }
+}
+
 /// A batch being written.
 #[derive(Clone, Copy, Debug)]
 struct Staged {
@@ -75,7 +87,7 @@ impl<const N: usize, const CAP: usize> Ring<N, CAP> {
 
     /// Sequence number of the last setpoint held, or of the one consumed last when none is held.
     pub fn end_seq(&self) -> u32 {
-        self.extents.back().map_or(self.consumed, |extent| extent.first_seq + (extent.len - 1))
+        self.extents.back().map_or(self.consumed, |extent| extent.seq(extent.len.saturating_sub(1)))
     }
 
     /// Whether nothing waits.
@@ -85,13 +97,13 @@ impl<const N: usize, const CAP: usize> Ring<N, CAP> {
 
     /// Setpoints the ring can take now.
     pub fn credits(&self) -> u32 {
-        if self.extents.is_full() { 0 } else { CAP as u32 - self.held }
+        if self.extents.is_full() { 0 } else { (CAP as u32).saturating_sub(self.held) }
     }
 
     /// A setpoint that waits, by sequence number.
     pub fn get(&self, seq: u32) -> Option<&Setpoint<N>> {
         let extent = self.extents.iter().find(|e| seq >= e.first_seq && seq - e.first_seq < e.len)?;
-        self.slots.get(wrap::<CAP>(extent.slot + (seq - extent.first_seq)))
+        self.slots.get(extent.slot::<CAP>(seq - extent.first_seq))
     }
 
     /// Opens a batch whose first setpoint has `first_seq`. With `after`, it replaces what follows that setpoint; without, it
@@ -124,15 +136,16 @@ impl<const N: usize, const CAP: usize> Ring<N, CAP> {
     /// open batch is dropped.
     pub fn push(&mut self, setpoint: &Setpoint<N>) -> Result<(), RingError> {
         let Some(mut staged) = self.staged.take() else { return Err(RingError::Sequence) };
-        if self.held + staged.extent.len >= CAP as u32 {
+        let extent = &mut staged.extent;
+        if self.held.saturating_add(extent.len) >= CAP as u32 {
             return Err(RingError::Full);
         }
-        if staged.extent.first_seq.checked_add(staged.extent.len + 1).is_none() {
+        let len = extent.len.saturating_add(1);
+        if extent.first_seq.checked_add(len).is_none() {
             return Err(RingError::Sequence);
         }
-        let slot = wrap::<CAP>(staged.extent.slot + staged.extent.len);
-        *self.slots.get_mut(slot).ok_or(RingError::Full)? = *setpoint;
-        staged.extent.len += 1;
+        *self.slots.get_mut(extent.slot::<CAP>(extent.len)).ok_or(RingError::Full)? = *setpoint;
+        extent.len = len;
         self.staged = Some(staged);
         Ok(())
     }
@@ -144,7 +157,7 @@ impl<const N: usize, const CAP: usize> Ring<N, CAP> {
 
     /// Sequence number that the open batch's next setpoint will have.
     pub fn staged_next(&self) -> Option<u32> {
-        self.staged.map(|staged| staged.extent.first_seq + staged.extent.len)
+        self.staged.map(|staged| staged.extent.seq(staged.extent.len))
     }
 
     /// Makes the open batch part of what will be played.
@@ -164,8 +177,8 @@ impl<const N: usize, const CAP: usize> Ring<N, CAP> {
             self.cut_after(seq);
         }
         self.extents.push_back(extent).map_err(|_| RingError::Full)?;
-        self.held += extent.len;
-        self.end_slot = wrap::<CAP>(extent.slot + extent.len) as u32;
+        self.held = self.held.saturating_add(extent.len);
+        self.end_slot = extent.slot::<CAP>(extent.len) as u32;
         Ok(())
     }
 
@@ -173,11 +186,9 @@ impl<const N: usize, const CAP: usize> Ring<N, CAP> {
     pub fn consume(&mut self) -> Option<(u32, Setpoint<N>)> {
         let extent = self.extents.front_mut()?;
         let (seq, slot) = (extent.first_seq, extent.slot);
-        extent.first_seq += 1;
-        extent.slot = wrap::<CAP>(extent.slot + 1) as u32;
-        extent.len -= 1;
-        let exhausted = extent.len == 0;
-        if exhausted {
+        let len = extent.len.saturating_sub(1);
+        *extent = Extent { first_seq: extent.seq(1), slot: extent.slot::<CAP>(1) as u32, len };
+        if len == 0 {
             self.extents.pop_front();
         }
         self.consumed = seq;
@@ -195,7 +206,7 @@ impl<const N: usize, const CAP: usize> Ring<N, CAP> {
             if back.first_seq > seq {
                 self.extents.pop_back();
             } else {
-                back.len = back.len.min(seq - back.first_seq + 1);
+                back.len = back.len.min((seq - back.first_seq).saturating_add(1));
                 break;
             }
         }
@@ -212,13 +223,9 @@ impl<const N: usize, const CAP: usize> Default for Ring<N, CAP> {
     }
 }
 
-const fn wrap<const CAP: usize>(slot: u32) -> usize {
-    slot as usize % CAP
-}
-
 /// Slots from `from` up to but without `to`; a full ring when they are the same, as the caller knows it is not empty.
 const fn distance<const CAP: usize>(from: u32, to: u32) -> u32 {
     let cap = CAP as u32;
-    let slots = (to + cap - from) % cap;
+    let slots = to.wrapping_add(cap).wrapping_sub(from) % cap;
     if slots == 0 { cap } else { slots }
 }

@@ -71,18 +71,17 @@ impl<const N: usize> Coder<N> {
     /// [`CodeError::Short`] when `out` is too small, [`CodeError::Range`] when a value is not finite or beyond the grid.
     pub fn encode(&mut self, setpoint: &Setpoint<N>, out: &mut [u8]) -> Result<usize, CodeError> {
         let mut next = *self;
-        let mut used = 0;
-        *out.get_mut(used).ok_or(CodeError::Short)? = u8::from(setpoint.deposit);
-        used += 1;
+        *out.first_mut().ok_or(CodeError::Short)? = u8::from(setpoint.deposit);
+        let mut used = 1;
         for (history, &position) in next.joints.iter_mut().zip(&setpoint.joints.0) {
             let index = index(position, JOINT_QUANTUM)?;
-            let residual = index - predict(history, self.seen);
-            used += put_varint(residual, out.get_mut(used..).ok_or(CodeError::Short)?)?;
+            let residual = index.wrapping_sub(predict(history, self.seen));
+            put_varint(residual, out, &mut used)?;
             *history = [index, history[0], history[1]];
         }
         let index = index(setpoint.flow, FLOW_QUANTUM)?;
-        let residual = index - predict_line(&next.flow, self.seen);
-        used += put_varint(residual, out.get_mut(used..).ok_or(CodeError::Short)?)?;
+        let residual = index.wrapping_sub(predict_line(&next.flow, self.seen));
+        put_varint(residual, out, &mut used)?;
         next.flow = [index, next.flow[0]];
         next.seen = self.seen.saturating_add(1).min(3);
         *self = next;
@@ -103,15 +102,13 @@ impl<const N: usize> Coder<N> {
         };
         let mut used = 1;
         for (history, position) in self.joints.iter_mut().zip(&mut setpoint.joints.0) {
-            let (residual, length) = take_varint(bytes.get(used..).unwrap_or(&[]))?;
-            used += length;
-            let index = on_grid(predict(history, self.seen), residual)?;
+            #[cfg(test)]
+            crate::steps::count();
+            let index = on_grid(predict(history, self.seen), take_varint(bytes, &mut used)?)?;
             *history = [index, history[0], history[1]];
             *position = index as f64 * JOINT_QUANTUM;
         }
-        let (residual, length) = take_varint(bytes.get(used..).unwrap_or(&[]))?;
-        used += length;
-        let index = on_grid(predict_line(&self.flow, self.seen), residual)?;
+        let index = on_grid(predict_line(&self.flow, self.seen), take_varint(bytes, &mut used)?)?;
         self.flow = [index, self.flow[0]];
         setpoint.flow = index as f64 * FLOW_QUANTUM;
         self.seen = self.seen.saturating_add(1).min(3);
@@ -135,14 +132,15 @@ fn on_grid(prediction: i64, residual: i64) -> Result<i64, CodeError> {
     if (-GRID_MAX..=GRID_MAX).contains(&index) { Ok(index) } else { Err(CodeError::Range) }
 }
 
-/// The parabola through the last three samples, newest first; a line or a constant while there are fewer.
+/// The parabola through the last three samples, newest first; a line or a constant while there are fewer. Nothing wraps: no
+/// index is above [`GRID_MAX`].
 fn predict(history: &[i64; 3], seen: u8) -> i64 {
     let [newest, middle, oldest] = *history;
     match seen {
         0 => 0,
         1 => newest,
-        2 => 2 * newest - middle,
-        _ => 3 * (newest - middle) + oldest,
+        2 => newest.wrapping_mul(2).wrapping_sub(middle),
+        _ => newest.wrapping_sub(middle).wrapping_mul(3).wrapping_add(oldest),
     }
 }
 
@@ -151,38 +149,48 @@ fn predict_line(history: &[i64; 2], seen: u8) -> i64 {
     match seen {
         0 => 0,
         1 => newest,
-        _ => 2 * newest - older,
+        _ => newest.wrapping_mul(2).wrapping_sub(older),
     }
 }
 
-fn put_varint(value: i64, out: &mut [u8]) -> Result<usize, CodeError> {
+/// Longest code of 64 bits, seven to a byte.
+const VARINT_MAX: u32 = 10;
+
+/// Writes a varint at `used` and moves that behind it.
+fn put_varint(value: i64, out: &mut [u8], used: &mut usize) -> Result<(), CodeError> {
     let mut rest = ((value << 1) ^ (value >> 63)) as u64;
-    for (used, slot) in out.iter_mut().enumerate().take(10) {
+    for _ in 0..VARINT_MAX {
+        let slot = out.get_mut(*used).ok_or(CodeError::Short)?;
+        *used += 1;
         let low = (rest & 0x7f) as u8;
         rest >>= 7;
         if rest == 0 {
             *slot = low;
-            return Ok(used + 1);
+            return Ok(());
         }
         *slot = low | 0x80;
     }
-    Err(CodeError::Short)
+    Err(CodeError::Range)
 }
 
-fn take_varint(bytes: &[u8]) -> Result<(i64, usize), CodeError> {
+/// Reads the varint at `used` and moves that behind it.
+fn take_varint(bytes: &[u8], used: &mut usize) -> Result<i64, CodeError> {
     let mut value = 0_u64;
-    for (used, &byte) in bytes.iter().enumerate().take(10) {
-        let shift = 7 * used as u32;
+    for place in 0..VARINT_MAX {
+        #[cfg(test)]
+        crate::steps::count();
+        let byte = *bytes.get(*used).ok_or(CodeError::Short)?;
+        *used += 1;
         let low = u64::from(byte & 0x7f);
-        if shift == 63 && low > 1 {
+        if place == VARINT_MAX - 1 && low > 1 {
             return Err(CodeError::Range);
         }
-        value |= low << shift;
+        value |= low << (7 * place);
         if byte & 0x80 == 0 {
-            return Ok((((value >> 1) as i64) ^ -((value & 1) as i64), used + 1));
+            return Ok(((value >> 1) as i64) ^ -((value & 1) as i64));
         }
     }
-    Err(if bytes.len() < 10 { CodeError::Short } else { CodeError::Range })
+    Err(CodeError::Range)
 }
 
 #[cfg(test)]

@@ -1,31 +1,47 @@
 //! One cycle: [`Kernel::receive`] takes frames, [`Kernel::tick`] moves one period on, [`Kernel::poll_transmit`] gives answers.
 
-use crate::clock::{PathClock, Played};
-use crate::fault::Fault;
-use crate::frame::{
-    self, BatchPart, Configure, FaultReport, FrameError, FromKernel, Reader, Refusal, Status, ToKernel,
-};
-use crate::guard::{Differences, Limits, Violation, exceeds};
-use crate::mode::{Event, Mode, StopCause};
-use crate::ring::{Ring, RingError};
-use crate::setpoint::Coder;
-use crate::units::{JointPos, Tick};
+mod obey;
 
-/// Most bytes taken between two ticks; what is over waits with the caller.
-pub const RECEIVE_MAX: usize = 2 * frame::WIRE_MAX;
+use crate::arm::Arm;
+use crate::clock::{PathClock, Played};
+use crate::config::Config;
+use crate::correction::Correction;
+use crate::fault::Fault;
+use crate::frame::{self, FaultReport, FrameError, FromKernel, Reader, Status, ToKernel};
+use crate::guard::{Differences, Violation, exceeds};
+use crate::mode::{Event, Mode, StopCause};
+use crate::ring::Ring;
+use crate::units::{JointPos, Nanos, Tick};
+use obey::Incoming;
+
+/// Most bytes taken between two ticks; what is over waits with the caller. One longest frame: the setpoints that can be
+/// decoded and judged between two ticks are then those of two frames at most, one of them begun before, and still
+/// forty times what is played.
+pub const RECEIVE_MAX: usize = frame::WIRE_MAX;
 
 /// Ticks between two regular [`Status`] messages.
 pub const STATUS_INTERVAL: u64 = 16;
 
 const OUTBOX: usize = 2048;
 
-/// What the robot says at one cycle.
+/// What is known at one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensors<const N: usize> {
-    /// Actual joint positions (rad or m).
+    /// Actual joint positions as the robot says them (rad or m).
     pub actual: JointPos<N>,
+    /// Joint positions by an estimator (rad or m), if there is one.
+    pub estimate: Option<JointPos<N>>,
+    /// Joint offsets to add to the path (rad or m). `None` takes those under way out, within their limits.
+    pub correction: Option<JointPos<N>>,
     /// Whether the robot takes setpoints now: powered, no safety stop, its program running.
     pub ready: bool,
+}
+
+impl<const N: usize> Sensors<N> {
+    /// A robot that says where it is, and nothing else.
+    pub const fn robot(actual: JointPos<N>, ready: bool) -> Self {
+        Self { actual, estimate: None, correction: None, ready }
+    }
 }
 
 /// What is to happen at this cycle.
@@ -41,6 +57,8 @@ pub struct Command<const N: usize> {
     pub deposit: bool,
     /// Path clock rate, 0 to 1.
     pub rate: f64,
+    /// The correction in the targets (rad or m).
+    pub correction: JointPos<N>,
     /// Mode.
     pub mode: Mode,
 }
@@ -55,61 +73,66 @@ pub struct Kernel<const N: usize, const CAP: usize> {
 
 #[derive(Clone, Debug)]
 struct State<const N: usize, const CAP: usize> {
+    arm: Arm<N>,
     config: Option<Config<N>>,
     mode: Mode,
     ring: Ring<N, CAP>,
     clock: PathClock<N>,
-    /// What was put out last.
-    output: Played<N>,
+    /// What the clock put out last.
+    path: Played<N>,
+    correction: Correction<N>,
+    /// What was sent last: path and correction.
+    output: JointPos<N>,
+    /// Whether the robot has been taking what was sent ever since it said where it is.
+    known: bool,
+    /// Of what was sent.
+    gate: Differences<N>,
     /// Rate to play at.
     rate: f64,
     incoming: Option<Incoming<N>>,
     tick: Tick,
+    ticked: Option<Nanos>,
+    ticks_late: u32,
+    time_lost_ns: u64,
     epoch: u32,
     faults: u32,
     fault_tick: u64,
     frames_broken: u32,
+    frames_unknown: u32,
     quit: bool,
     said: Option<Mode>,
     outbox: heapless::Vec<u8, OUTBOX>,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Config<const N: usize> {
-    limits: Limits<N>,
-    period: f64,
-    following_error_max: f64,
-}
-
-/// A batch whose last part has not come.
-#[derive(Clone, Copy, Debug)]
-struct Incoming<const N: usize> {
-    batch: u32,
-    coder: Coder<N>,
-    differences: Differences<N>,
-    flow: f64,
-}
-
 impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
     /// Unconfigured, with an empty ring.
-    pub fn new() -> Self {
+    pub const fn new(arm: &Arm<N>) -> Self {
         let nowhere = JointPos::ZERO;
         Self {
             reader: Reader::new(),
             budget: RECEIVE_MAX,
             state: State {
+                arm: *arm,
                 config: None,
                 mode: Mode::Unready,
                 ring: Ring::new(),
                 clock: PathClock::at_rest(nowhere, 0),
-                output: Played { seq: 0, joints: nowhere, flow: 0.0, deposit: false },
+                path: Played { seq: 0, joints: nowhere, flow: 0.0, deposit: false },
+                correction: Correction::none(),
+                output: nowhere,
+                known: false,
+                gate: Differences::at_rest(nowhere),
                 rate: 1.0,
                 incoming: None,
                 tick: Tick(0),
+                ticked: None,
+                ticks_late: 0,
+                time_lost_ns: 0,
                 epoch: 0,
                 faults: 0,
                 fault_tick: 0,
                 frames_broken: 0,
+                frames_unknown: 0,
                 quit: false,
                 said: None,
                 outbox: heapless::Vec::new(),
@@ -123,13 +146,11 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         let taken = bytes.len().min(self.budget);
         self.budget -= taken;
         for &byte in bytes.iter().take(taken) {
-            match self.reader.push(byte) {
-                None => {}
-                Some(Ok(message)) => match frame::decode(message) {
-                    Ok(message) => self.state.obey(&message),
-                    Err(error) => self.state.broken(error),
-                },
-                Some(Err(error)) => self.state.broken(error),
+            let Some(frame) = self.reader.push(byte) else { continue };
+            match frame.and_then(frame::decode) {
+                Ok(message) => self.state.obey(&message),
+                Err(FrameError::Message) => self.state.frames_unknown = self.state.frames_unknown.saturating_add(1),
+                Err(_) => self.state.frames_broken = self.state.frames_broken.saturating_add(1),
             }
         }
         taken
@@ -145,6 +166,7 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
     /// The link to the robot is gone: where it is, is no longer known, and the ring is dropped.
     pub fn robot_lost(&mut self) {
         self.state.change(Event::Lost);
+        self.state.known = false;
     }
 
     /// What [`ToKernel::Quit`] does: comes to rest, then [`Self::may_quit`].
@@ -157,13 +179,15 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         self.state.change(Event::Fault(fault));
     }
 
-    /// One cycle. Bounded work, no allocation, no panic.
-    pub fn tick(&mut self, sensors: &Sensors<N>) -> Command<N> {
+    /// One cycle, begun at `now` on a monotonic clock. Bounded work, no allocation, no panic.
+    pub fn tick(&mut self, now: Nanos, sensors: &Sensors<N>) -> Command<N> {
         self.budget = RECEIVE_MAX;
         let state = &mut self.state;
-        state.tick.0 += 1;
+        state.tick.0 = state.tick.0.saturating_add(1);
+        state.keep_time(now);
         state.observe(sensors);
-        state.play();
+        state.play(sensors.correction.as_ref());
+        state.settle();
         state.report();
         state.command()
     }
@@ -175,9 +199,8 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         if let (Some(out), Some(waiting)) = (out.get_mut(..count), outbox.get(..count)) {
             out.copy_from_slice(waiting);
         }
-        let rest = outbox.len() - count;
-        outbox.rotate_left(count);
-        outbox.truncate(rest);
+        outbox.copy_within(count.., 0);
+        outbox.truncate(outbox.len() - count);
         count
     }
 
@@ -192,57 +215,110 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
     }
 }
 
-impl<const N: usize, const CAP: usize> Default for Kernel<N, CAP> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl<const N: usize, const CAP: usize> State<N, CAP> {
+    /// Counts a late tick. The path advances by one period all the same: what is lost is reported, not made up for.
+    fn keep_time(&mut self, now: Nanos) {
+        if let (Some(before), Some(config)) = (self.ticked.replace(now), &self.config) {
+            let late = now.since(before).saturating_sub(config.tick_period_ns);
+            if late > config.tick_period_ns / 2 {
+                self.ticks_late = self.ticks_late.saturating_add(1);
+                self.time_lost_ns = self.time_lost_ns.saturating_add(late);
+            }
+        }
+    }
+
     /// Looks at the robot: is it where it should be, does it still take commands.
     fn observe(&mut self, sensors: &Sensors<N>) {
-        let Some(config) = self.config else { return };
-        if let Some(joint) = sensors.actual.0.iter().position(|q| !q.is_finite()) {
+        let Some(config) = &self.config else { return };
+        let not_finite = |joints: &JointPos<N>| joints.0.iter().position(|q| !q.is_finite());
+        let not_finite = not_finite(&sensors.actual).or_else(|| sensors.estimate.as_ref().and_then(not_finite));
+        if let Some(joint) = not_finite {
             self.change(Event::Fault(Fault::Sensor { joint: joint as u8 }));
             return;
         }
+        let (following, deviation) = (config.following_error_max, config.deviation_max);
+        let far = farthest(&sensors.actual, &self.output);
+        let estimated = sensors.estimate.map(|estimate| farthest(&estimate, &self.output));
         match self.mode {
             Mode::Unready if sensors.ready => {
-                self.output = Played { seq: 0, joints: sensors.actual, flow: 0.0, deposit: false };
+                self.path = Played { seq: 0, joints: sensors.actual, flow: 0.0, deposit: false };
+                self.output = sensors.actual;
                 self.change(Event::Ready);
             }
             Mode::Holding if !sensors.ready => {
                 self.change(Event::Lost);
             }
-            Mode::Moving | Mode::Stopping { .. } => {
-                let worst = sensors.actual.0.iter().zip(&self.output.joints.0).map(|(a, b)| libm::fabs(a - b));
-                let worst = worst.enumerate().fold((0, 0.0), |far, near| if near.1 > far.1 { near } else { far });
-                if !sensors.ready {
-                    self.change(Event::Fault(Fault::RobotNotReady));
-                } else if worst.1 > config.following_error_max {
-                    let (joint, value) = (worst.0 as u8, worst.1);
-                    self.change(Event::Fault(Fault::Following { joint, value, limit: config.following_error_max }));
+            Mode::Moving | Mode::Stopping { .. } if !sensors.ready => {
+                self.change(Event::Fault(Fault::RobotNotReady));
+            }
+            Mode::Holding | Mode::Moving | Mode::Stopping { .. } => {
+                if let (joint, value) = far
+                    && exceeds(value, following)
+                {
+                    self.change(Event::Fault(Fault::Following { joint, value, limit: following }));
+                } else if let Some((joint, value)) = estimated
+                    && exceeds(value, deviation)
+                {
+                    self.change(Event::Fault(Fault::Deviation { joint, value, limit: deviation }));
                 }
             }
-            _ => {}
+            // Someone may move it now: what was sent last is no place to go back to.
+            Mode::Faulted { .. } => self.known &= sensors.ready,
+            Mode::Unready => {}
         }
     }
 
-    /// Moves the path clock on and passes its output through the last gate.
-    fn play(&mut self) {
-        let (Some(config), Mode::Moving | Mode::Stopping { .. }) = (self.config, self.mode) else { return };
-        let played = self.clock.advance(&mut self.ring, config.period, 1.0);
-        match gate(&played.joints, &self.output.joints, &config) {
-            Ok(()) => self.output = played,
-            Err((joint, value, limit)) => {
-                self.change(Event::Fault(Fault::Output { joint, value, limit }));
-                self.output.flow = 0.0;
-            }
+    /// Moves the path clock on, corrects what it gives, and passes that through the last gate.
+    fn play(&mut self, correction: Option<&JointPos<N>>) {
+        let Some(config) = self.config.as_ref() else { return };
+        let (output, periods, limits) = (config.output, config.periods, config.correction);
+        if matches!(self.mode, Mode::Unready | Mode::Faulted { .. }) {
+            return;
         }
-        if self.clock.is_played_out() && self.ring.is_empty() {
-            self.change(Event::PlayedOut);
-        } else if self.clock.is_stopped() {
-            self.change(Event::AtRest);
+        if matches!(self.mode, Mode::Moving | Mode::Stopping { .. }) {
+            self.path = self.clock.advance(&mut self.ring, periods.tick, periods.tick / periods.sample);
+        }
+        let followed = match correction {
+            Some(wanted) if self.mode.fault().is_none() => self.correction.follow(wanted, &limits, periods.tick),
+            _ => {
+                self.correction.ramp_out(&limits, periods.tick);
+                Ok(())
+            }
+        };
+        if let Err(Violation { quantity, joint, value, limit }) = followed {
+            self.correction.ramp_out(&limits, periods.tick);
+            self.change(Event::Fault(Fault::Correction { quantity, joint, value, limit }));
+        }
+        let joints = self.correction.applied_to(&self.path.joints);
+        // What is already there needs no leave to stay: an arm that was found outside its limits may stand.
+        if joints == self.output && self.gate.is_at_rest() {
+            return;
+        }
+        match self.gate.push(&joints, &output, periods.tick) {
+            Ok(()) => self.output = joints,
+            Err(violation) => self.hold(violation),
+        }
+    }
+
+    /// Holds the last good output: there is nothing better left to do.
+    fn hold(&mut self, Violation { quantity, joint, value, limit }: Violation) {
+        self.change(Event::Fault(Fault::Output { quantity, joint, value, limit }));
+        self.path.joints = self.output;
+        self.correction = Correction::none();
+        self.gate = Differences::at_rest(self.output);
+        self.stand();
+    }
+
+    /// Notices that everything has come to rest.
+    fn settle(&mut self) {
+        if !matches!(self.mode, Mode::Moving | Mode::Stopping { .. }) {
+            return;
+        }
+        let stopped = self.clock.is_stopped();
+        let played_out = self.clock.is_played_out() && self.ring.is_empty();
+        let corrected = self.mode.fault().is_some() && !self.correction.is_none();
+        if (stopped || played_out) && !corrected {
+            self.change(if played_out { Event::PlayedOut } else { Event::AtRest });
         }
     }
 
@@ -257,8 +333,16 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             self.fault_tick = self.tick.0;
         }
         match next {
-            Mode::Unready => self.drop_ring(),
-            Mode::Holding if matches!(event, Event::Ready) => self.begin(),
+            Mode::Unready => {
+                self.correction = Correction::none();
+                self.known = false;
+                self.drop_ring();
+            }
+            Mode::Holding if matches!(event, Event::Ready) => {
+                self.begin();
+                self.known = true;
+            }
+            Mode::Holding if matches!(event, Event::Stop) => self.drop_ring(),
             Mode::Holding if matches!(before, Mode::Stopping { cause: StopCause::Stop }) => self.drop_ring(),
             Mode::Holding if self.clock.is_played_out() && self.ring.is_empty() => self.stand(),
             Mode::Faulted { .. } => self.drop_ring(),
@@ -272,16 +356,17 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             Mode::Holding => {}
         }
         if !matches!(next, Mode::Moving | Mode::Stopping { .. }) {
-            self.output.flow = 0.0;
+            self.path.flow = 0.0;
         }
         true
     }
 
     /// An empty ring whose next setpoint is number 1, at rest where the output is.
     fn begin(&mut self) {
-        self.output.seq = 0;
+        self.path.seq = 0;
         self.drop_ring();
         self.ring.restart();
+        self.gate = Differences::at_rest(self.output);
     }
 
     fn drop_ring(&mut self) {
@@ -292,196 +377,13 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     }
 
     fn stand(&mut self) {
-        self.output.flow = 0.0;
-        self.clock = PathClock::at_rest(self.output.joints, self.output.seq);
+        self.path.flow = 0.0;
+        self.clock = PathClock::at_rest(self.path.joints, self.path.seq);
     }
 
     fn drop_incoming(&mut self) {
         self.ring.abandon();
         self.incoming = None;
-    }
-
-    fn obey(&mut self, message: &ToKernel) {
-        match message {
-            ToKernel::Hello => {
-                self.drop_incoming();
-                self.said = None;
-            }
-            ToKernel::Configure(configure) => self.answer(0, |state| state.configure(configure)),
-            ToKernel::Batch(part) => self.batch(part),
-            ToKernel::Rate(rate) => self.answer(0, |state| state.set_rate(*rate)),
-            ToKernel::Resume { epoch } => self.answer(0, |state| {
-                if *epoch != state.epoch {
-                    return Err(Refusal::Stale);
-                }
-                if state.ring.is_empty() && state.clock.is_played_out() {
-                    return Err(Refusal::Mode);
-                }
-                state.request(Event::Resume)
-            }),
-            ToKernel::Hold => self.answer(0, |state| state.request(Event::Hold)),
-            ToKernel::Stop => self.answer(0, |state| state.request(Event::Stop)),
-            ToKernel::Rearm { fault } => {
-                self.answer(
-                    0,
-                    |state| {
-                        if *fault != state.faults { Err(Refusal::Stale) } else { state.request(Event::Rearm) }
-                    },
-                )
-            }
-            ToKernel::Quit => {
-                self.quit = true;
-                self.change(Event::Stop);
-            }
-        }
-    }
-
-    fn request(&mut self, event: Event) -> Result<(), Refusal> {
-        if self.change(event) { Ok(()) } else { Err(Refusal::Mode) }
-    }
-
-    fn answer(&mut self, batch: u32, act: impl FnOnce(&mut Self) -> Result<(), Refusal>) {
-        if let Err(reason) = act(self) {
-            self.say(&FromKernel::Refused { batch, reason });
-        }
-    }
-
-    fn set_rate(&mut self, rate: f64) -> Result<(), Refusal> {
-        if !(0.0..=1.0).contains(&rate) {
-            return Err(Refusal::Rate);
-        }
-        self.rate = rate;
-        if self.mode == Mode::Moving {
-            self.clock.set_target(rate);
-        }
-        Ok(())
-    }
-
-    fn configure(&mut self, configure: &Configure) -> Result<(), Refusal> {
-        let holding = self.mode == Mode::Holding && self.ring.is_empty();
-        if !holding && self.mode != Mode::Unready {
-            return Err(Refusal::Mode);
-        }
-        let limits = configure.limits::<N>().ok_or(Refusal::Configuration)?;
-        let positive = |values: &[f64; N]| values.iter().all(|value| value.is_finite() && *value > 0.0);
-        let ordered = limits.position_min.0.iter().zip(&limits.position_max.0).all(|(low, high)| low < high);
-        let valid = ordered
-            && positive(&limits.velocity_max.0)
-            && positive(&limits.acceleration_max.0)
-            && positive(&limits.jerk_max.0)
-            && limits.position_min.is_finite()
-            && limits.position_max.is_finite()
-            && configure.following_error_max.is_finite()
-            && configure.following_error_max > 0.0
-            && configure.period_ns > 0;
-        if !valid {
-            return Err(Refusal::Configuration);
-        }
-        let period = configure.period_ns as f64 * 1e-9;
-        self.config = Some(Config { limits, period, following_error_max: configure.following_error_max });
-        // Holding, the arm stands where it was last told to: that stays its target. It is only counted anew.
-        self.begin();
-        Ok(())
-    }
-
-    fn batch(&mut self, part: &BatchPart) {
-        match self.take_part(part) {
-            Ok(false) => {}
-            Ok(true) => {
-                self.say(&FromKernel::Accepted { batch: part.batch });
-                // The credits have changed.
-                self.said = None;
-            }
-            Err(reason) => {
-                self.drop_incoming();
-                self.say(&FromKernel::Refused { batch: part.batch, reason });
-            }
-        }
-    }
-
-    /// Decodes, checks and stages one part; true when the batch is committed.
-    fn take_part(&mut self, part: &BatchPart) -> Result<bool, Refusal> {
-        let Some(config) = self.config else { return Err(Refusal::Mode) };
-        if matches!(self.mode, Mode::Unready | Mode::Faulted { .. } | Mode::Stopping { .. }) {
-            return Err(Refusal::Mode);
-        }
-        if part.opens {
-            self.drop_incoming();
-            self.ring.stage(part.first_seq, part.after)?;
-            let differences = self.differences_before(part.first_seq);
-            self.incoming = Some(Incoming { batch: part.batch, coder: Coder::new(), differences, flow: 0.0 });
-        }
-        let Some(mut incoming) = self.incoming.filter(|incoming| incoming.batch == part.batch) else {
-            return Err(Refusal::Sequence);
-        };
-        if self.ring.staged_next() != Some(part.first_seq) {
-            return Err(Refusal::Sequence);
-        }
-        let mut seq = part.first_seq;
-        let mut code = part.code;
-        while !code.is_empty() {
-            let (setpoint, used) = incoming.coder.decode(code).map_err(|_| Refusal::Code)?;
-            code = code.get(used..).unwrap_or(&[]);
-            let does_not_fit = |Violation { quantity, joint, value, limit }| Refusal::DoesNotFit {
-                seq,
-                quantity,
-                joint,
-                value,
-                limit,
-            };
-            incoming.differences.push(&setpoint.joints, &config.limits, config.period).map_err(does_not_fit)?;
-            if exceeds(0.0, setpoint.flow) {
-                return Err(Refusal::Code);
-            }
-            incoming.flow = setpoint.flow;
-            self.ring.push(&setpoint)?;
-            seq = seq.saturating_add(1);
-        }
-        if part.commits {
-            self.check_rest(&incoming, &config, seq)?;
-            self.ring.commit()?;
-            self.incoming = None;
-        } else {
-            self.incoming = Some(incoming);
-        }
-        Ok(part.commits)
-    }
-
-    /// A batch ends at rest: two equal setpoints, nothing flows, and standing there on breaks no limit.
-    fn check_rest(&self, incoming: &Incoming<N>, config: &Config<N>, seq: u32) -> Result<(), Refusal> {
-        if !incoming.differences.is_at_rest() || incoming.flow != 0.0 {
-            return Err(Refusal::NotAtRest);
-        }
-        let mut differences = incoming.differences;
-        let last = *differences.newest();
-        for _ in 0..3 {
-            let Violation { quantity, joint, value, limit } =
-                match differences.push(&last, &config.limits, config.period) {
-                    Ok(()) => continue,
-                    Err(violation) => violation,
-                };
-            return Err(Refusal::DoesNotFit { seq, quantity, joint, value, limit });
-        }
-        Ok(())
-    }
-
-    /// The three samples before the one with sequence number `first_seq`: from the ring as far as they wait there, from what
-    /// the clock has taken as far as they do not.
-    fn differences_before(&self, first_seq: u32) -> Differences<N> {
-        let taken = self.clock.newest_three();
-        let consumed = self.ring.consumed();
-        let [a, b, c] = [1_u32, 2, 3].map(|back| {
-            let seq = first_seq.saturating_sub(back);
-            match self.ring.get(seq) {
-                Some(setpoint) => setpoint.joints,
-                None => taken.get(consumed.saturating_sub(seq) as usize).copied().unwrap_or(self.output.joints),
-            }
-        });
-        Differences::after(a, b, c)
-    }
-
-    fn broken(&mut self, _: FrameError) {
-        self.frames_broken = self.frames_broken.saturating_add(1);
     }
 
     /// A status on every change of mode and regularly.
@@ -495,8 +397,12 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     fn say(&mut self, message: &FromKernel) {
         let mut bytes = [0; 512];
         // With nobody reading, the outbox is full and the answer is dropped: a host that comes asks for the status.
-        if let Ok(used) = frame::encode(message, &mut bytes) {
-            let _ = self.outbox.extend_from_slice(bytes.get(..used).unwrap_or(&[]));
+        if let Ok(used) = frame::encode(message, &mut bytes)
+            && used <= OUTBOX.saturating_sub(self.outbox.len())
+        {
+            for &byte in bytes.iter().take(used) {
+                let _ = self.outbox.push(byte);
+            }
         }
     }
 
@@ -512,44 +418,22 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             credits: self.ring.credits(),
             rate: self.clock.rate(),
             frames_broken: self.frames_broken,
+            frames_unknown: self.frames_unknown,
+            ticks_late: self.ticks_late,
+            time_lost_ns: self.time_lost_ns,
         }
     }
 
     fn command(&self) -> Command<N> {
-        let known = self.mode != Mode::Unready;
-        let Played { seq, joints, flow, deposit } = self.output;
+        let Played { seq, flow, deposit, .. } = self.path;
         let rate = if matches!(self.mode, Mode::Moving | Mode::Stopping { .. }) { self.clock.rate() } else { 0.0 };
-        Command { joints: known.then_some(joints), seq, flow, deposit, rate, mode: self.mode }
+        let (joints, correction) = (self.known.then_some(self.output), self.correction.offsets());
+        Command { joints, seq, flow, deposit, rate, correction, mode: self.mode }
     }
 }
 
-impl From<RingError> for Refusal {
-    fn from(error: RingError) -> Self {
-        match error {
-            RingError::Full => Self::Full,
-            RingError::TooLate => Self::TooLate,
-            RingError::Sequence => Self::Sequence,
-        }
-    }
-}
-
-/// The last gate: finite, inside the positions, no step beyond the speed limit.
-fn gate<const N: usize>(next: &JointPos<N>, last: &JointPos<N>, config: &Config<N>) -> Result<(), (u8, f64, f64)> {
-    let limits = &config.limits;
-    for (joint, (&q, &before)) in next.0.iter().zip(&last.0).enumerate() {
-        let at = |values: &[f64; N]| values.get(joint).copied().unwrap_or(0.0);
-        let speed = libm::fabs(q - before) / config.period;
-        if exceeds(at(&limits.position_min.0), q) {
-            return Err((joint as u8, q, at(&limits.position_min.0)));
-        }
-        if exceeds(q, at(&limits.position_max.0)) {
-            return Err((joint as u8, q, at(&limits.position_max.0)));
-        }
-        // Interpolation between samples may pass a chord's speed by the acceleration within one period.
-        let allowed = at(&limits.velocity_max.0) + at(&limits.acceleration_max.0) * config.period;
-        if exceeds(speed, allowed) {
-            return Err((joint as u8, speed, allowed));
-        }
-    }
-    Ok(())
+/// The joint in which two positions differ most, and by how much (rad or m).
+fn farthest<const N: usize>(a: &JointPos<N>, b: &JointPos<N>) -> (u8, f64) {
+    let distances = a.0.iter().zip(&b.0).map(|(a, b)| libm::fabs(a - b));
+    (0_u8..).zip(distances).fold((0, 0.0), |far, near| if near.1 > far.1 { near } else { far })
 }

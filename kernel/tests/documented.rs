@@ -1,4 +1,6 @@
-//! `docs/faults.md` names every fault and every refusal.
+//! `docs/faults.md` names every fault, in the words that a person sees, and every refusal.
+
+use screed_kernel::fault::Fault;
 
 /// The text between two marks.
 fn between<'a>(text: &'a str, from: &str, to: &str) -> &'a str {
@@ -9,23 +11,57 @@ fn between<'a>(text: &'a str, from: &str, to: &str) -> &'a str {
 #[test]
 fn every_fault_and_every_refusal_is_documented() {
     let docs = include_str!("../../docs/faults.md");
-    let codes = between(include_str!("../src/fault.rs"), "fn code", "fn cause");
-    let faults: Vec<_> = codes
-        .lines()
-        .filter_map(|line| {
-            let (name, code) = line.trim().strip_prefix("Self::")?.split_once(" => ")?;
-            let name = name.split(' ').next()?;
-            Some(format!("| {} | `{name}` |", code.trim_matches(['"', ','])))
-        })
-        .collect();
-    let variants = between(include_str!("../src/frame.rs"), "pub enum Refusal {", "\n}");
-    let refusals: Vec<_> = variants
-        .lines()
-        .filter_map(|line| line.strip_prefix("    ").filter(|line| line.starts_with(char::is_uppercase)))
-        .map(|line| format!("| `{}` |", line.trim_end_matches([' ', ',', '{'])))
-        .collect();
-    assert!(faults.len() >= 5 && refusals.len() >= 10, "{faults:?} {refusals:?}");
-    for row in faults.iter().chain(&refusals) {
-        assert!(docs.contains(row), "docs/faults.md has no row {row}");
+    for fault in Fault::KINDS {
+        let debug = format!("{fault:?}");
+        let name = debug.split(' ').next().unwrap_or_default();
+        let head = format!("| {} | `{name}` | {} |", fault.code(), fault.cause());
+        let row = docs.lines().find(|line| line.starts_with(&head));
+        let agrees = row.is_some_and(|row| row.ends_with(&format!("| {} |", fault.action())));
+        assert!(agrees, "docs/faults.md has no row {head} … | {} |", fault.action());
     }
+    let mut codes = Fault::KINDS.map(|fault| fault.code()).to_vec();
+    codes.dedup();
+    let variants = between(include_str!("../src/fault.rs"), "pub enum Fault {", "\n}");
+    assert_eq!((codes.len(), names(variants).len()), (Fault::KINDS.len(), Fault::KINDS.len()), "one of each kind");
+    let variants = between(include_str!("../src/frame/message.rs"), "pub enum Refusal {", "\n}");
+    let refusals = names(variants);
+    assert!(refusals.len() >= 11, "{refusals:?}");
+    for name in refusals {
+        assert!(docs.contains(&format!("| `{name}` |")), "docs/faults.md has no row for {name}");
+    }
+}
+
+#[test]
+fn every_message_and_every_part_of_one_has_its_number_in_the_documentation() {
+    let docs = include_str!("../../docs/frames.md");
+    let messages = include_str!("../src/frame/message.rs");
+    let faults = include_str!("../src/fault.rs");
+    let guard = include_str!("../src/guard.rs");
+    // A table of its own, or numbers in a row.
+    for (source, head, in_rows) in [
+        (messages, "pub enum ToKernel<'a> {", true),
+        (messages, "pub enum FromKernel {", true),
+        (messages, "pub enum Refusal {", true),
+        (faults, "pub enum Fault {", true),
+        (messages, "pub enum ModeCode {", false),
+        (messages, "pub enum Unsound {", false),
+        (guard, "pub enum Quantity {", false),
+    ] {
+        let names = names(between(source, head, "\n}"));
+        assert!(names.len() >= 5, "{head} {names:?}");
+        let mut rest = docs;
+        for (number, name) in names.iter().enumerate() {
+            let entry = if in_rows { format!("\n| {number} | `{name}` |") } else { format!("{number} `{name}`") };
+            let place = rest.find(&entry);
+            assert!(place.is_some(), "docs/frames.md has no {entry:?} of {head} in its place");
+            rest = &rest[place.unwrap_or(0) + entry.len()..];
+        }
+    }
+}
+
+/// The names of an enum's variants, from its source.
+fn names(variants: &str) -> Vec<&str> {
+    let lines = variants.lines().filter_map(|line| line.strip_prefix("    "));
+    let lines = lines.filter(|line| line.starts_with(char::is_uppercase));
+    lines.map(|line| line.split([' ', ',', '(']).next().unwrap_or_default()).collect()
 }

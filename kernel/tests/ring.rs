@@ -1,23 +1,13 @@
 //! The ring against a model that is a plain vector, under random operations (seeded).
 
+mod common;
+
+use common::Random;
 use screed_kernel::ring::{Ring, RingError};
 use screed_kernel::setpoint::Setpoint;
 use screed_kernel::units::JointPos;
 
 const CAP: usize = 64;
-
-/// SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, bound: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) % bound
-    }
-}
 
 fn setpoint(mark: f64) -> Setpoint<1> {
     Setpoint { joints: JointPos([mark]), flow: 0.0, deposit: false }

@@ -77,6 +77,14 @@ pub(super) const JOINT_ACCELERATION: Number = number("joint_acceleration_max_deg
 pub(super) const JOINT_JERK: Number = number("joint_jerk_max_deg_s3", DEG_S3, 1.0, 1_000_000.0);
 pub(super) const FOLLOWING_ERROR: Number = number("following_error_max_deg", DEG, 0.01, 30.0);
 pub(super) const XYZ: Number = number("xyz_mm", MM, -100_000.0, 100_000.0);
+pub(super) const BOUNDS: [Number; 6] = [
+    number("x_min_mm", MM, -100_000.0, 100_000.0),
+    number("x_max_mm", MM, -100_000.0, 100_000.0),
+    number("y_min_mm", MM, -100_000.0, 100_000.0),
+    number("y_max_mm", MM, -100_000.0, 100_000.0),
+    number("z_min_mm", MM, -100_000.0, 100_000.0),
+    number("z_max_mm", MM, -100_000.0, 100_000.0),
+];
 pub(super) const RPY: Number = number("rpy_deg", DEG, -360.0, 360.0);
 pub(super) const VELOCITY: Number = number("velocity_max_mm_s", MM_S, 0.1, 10_000.0);
 pub(super) const ACCELERATION: Number = number("acceleration_max_mm_s2", MM_S2, 1.0, 100_000.0);
@@ -99,6 +107,12 @@ pub(super) const ALL: &[&Number] = &[
     &JOINT_JERK,
     &FOLLOWING_ERROR,
     &XYZ,
+    &BOUNDS[0],
+    &BOUNDS[1],
+    &BOUNDS[2],
+    &BOUNDS[3],
+    &BOUNDS[4],
+    &BOUNDS[5],
     &RPY,
     &VELOCITY,
     &ACCELERATION,

@@ -109,6 +109,14 @@ impl<'r, 'a> Section<'r, 'a> {
         }
     }
 
+    /// A number where the key may be absent: the outer `None` is an error, the inner an absent key.
+    pub fn number_if_given(&mut self, key: &'static Number) -> Option<Option<f64>> {
+        match self.optional(key.name, Some(&key.unit)) {
+            None => Some(None),
+            Some(value) => self.one_number(key, value).map(Some),
+        }
+    }
+
     /// N numbers in the key's unit, returned in SI.
     pub fn numbers<const N: usize>(&mut self, key: &'static Number) -> Option<[f64; N]> {
         let value = self.required(key.name, Some(&key.unit), &expected_numbers(key, N))?;

@@ -3,10 +3,11 @@
 
 use super::keys;
 use super::read::{Document, Section};
-use super::{Cell, Extruder, Limits, Link, LinkKind, Part, Realtime, Robot, Tool, Travel};
+use super::{Bound, Cell, Extruder, Limits, Link, LinkKind, Part, Realtime, Robot, Tool, Travel};
 use nalgebra::Vector3;
 use screed_kernel::arm::Arm;
 use screed_kernel::arms::ur::UR10E;
+use screed_kernel::guard::Plane;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::{JointAcc, JointJerk, JointPos, JointVel};
 use std::path::PathBuf;
@@ -17,7 +18,8 @@ pub(super) const RATES_HZ: [i64; 2] = [125, 500];
 const REGISTER_OFFSETS: [i64; 2] = [0, 24];
 /// The robots that a cell can have.
 const ARMS: [Arm<6>; 1] = [UR10E];
-const SECTIONS: [&str; 9] = ["robot", "tool", "base", "part", "limits", "travel", "link", "extruder", "realtime"];
+const SECTIONS: [&str; 10] =
+    ["robot", "tool", "base", "part", "workspace", "limits", "travel", "link", "extruder", "realtime"];
 
 /// The whole cell; `None` when anything was wrong, which the document then knows.
 pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
@@ -28,6 +30,7 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
     let tool = pose(document, "tool");
     let base = pose(document, "base");
     let part = pose(document, "part");
+    let workspace = workspace(document);
     let limits = limits(document);
     let travel = travel(document);
     let link = link(document, robot.as_ref().map(|robot| robot.simulated));
@@ -38,6 +41,7 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
         robot: robot?,
         tool: Tool { flange_from_tcp: tool? },
         part: Part { base_from_part: base?.inverse() * part? },
+        workspace: workspace?,
         limits: limits?,
         travel: travel?,
         link: link?,
@@ -96,6 +100,34 @@ fn pose(document: &mut Document<'_>, name: &'static str) -> Option<Pose> {
     section.finish();
     let [roll, pitch, yaw] = rpy?;
     Some(Pose::from_roll_pitch_yaw(Vector3::from(xyz?), roll, pitch, yaw))
+}
+
+/// May be left out, as may each of its keys.
+fn workspace(document: &mut Document<'_>) -> Option<Vec<Bound>> {
+    if !document.has("workspace") {
+        return Some(Vec::new());
+    }
+    let mut section = document.section("workspace");
+    let given: Vec<_> = keys::BOUNDS.iter().map(|key| section.number_if_given(key)).collect();
+    for pair in given.chunks_exact(2).zip(keys::BOUNDS.chunks_exact(2)) {
+        if let ([Some(Some(low)), Some(Some(high))], [_, key]) = pair
+            && low >= high
+        {
+            let expected = format!("more than {} mm, where the workspace begins", low * 1e3);
+            section.impossible::<()>(key.name, &expected, &format!("{}", high * 1e3));
+        }
+    }
+    section.finish();
+    let mut bounds = Vec::new();
+    for (index, (offset, key)) in given.into_iter().zip(&keys::BOUNDS).enumerate() {
+        let mut normal_in_base = [0.0; 3];
+        let outward = if index % 2 == 0 { -1.0 } else { 1.0 };
+        normal_in_base[index / 2] = outward;
+        if let Some(offset) = offset? {
+            bounds.push(Bound { key: key.name, plane: Plane { normal_in_base, offset: outward * offset } });
+        }
+    }
+    Some(bounds)
 }
 
 fn limits(document: &mut Document<'_>) -> Option<Limits> {
@@ -197,7 +229,7 @@ fn extruder(document: &mut Document<'_>) -> Option<Extruder> {
     Some(Extruder { device: device?, baud: u32::try_from(baud?).ok()?, flow_max: flow_max? })
 }
 
-/// The one section that may be left out.
+/// May be left out.
 fn realtime(document: &mut Document<'_>) -> Option<Realtime> {
     const PRIORITY: i64 = 80;
     let (mut priority, mut cpu) = (Some(PRIORITY), Some(None));

@@ -271,6 +271,23 @@ fn a_missing_file_is_named() {
 }
 
 #[test]
+fn a_workspace_is_planes_in_the_base_frame_and_may_be_left_out() {
+    assert!(Cell::demo(125).unwrap_or_else(|error| panic!("{error}")).workspace.is_empty());
+    let text = DEMO.replacen("[limits]", "[workspace]\nx_max_mm = 1200\nz_min_mm = -150\n\n[limits]", 1);
+    let cell = parse("cell.toml", &text).unwrap_or_else(|error| panic!("{error}"));
+    let bound = |key, normal_in_base, offset| Bound { key, plane: Plane { normal_in_base, offset } };
+    let expected = [bound("x_max_mm", [1.0, 0.0, 0.0], 1.2), bound("z_min_mm", [0.0, 0.0, -1.0], 0.15)];
+    assert_eq!(cell.workspace, expected);
+    check(
+        "[limits]",
+        "[workspace]\ny_min_mm = 5\ny_max_mm = 5\n\n[limits]",
+        "5\n\n",
+        "y_max_mm: expected more than 5 mm, where the workspace begins, found 5",
+        "set y_max_mm to more than 5 mm, where the workspace begins",
+    );
+}
+
+#[test]
 fn the_manual_lists_every_key_with_its_range() {
     let manual = include_str!("../../../docs/cell.md");
     for key in keys::ALL {

@@ -2,6 +2,7 @@
 
 use super::moves::MoveKind;
 use super::path::{PathError, Point};
+use screed_kernel::frame::Refusal;
 use screed_kernel::ik::IkError;
 
 /// A place in a job.
@@ -170,6 +171,37 @@ pub enum PlanError {
         place: Box<Place>,
         /// What the inverse kinematics says.
         why: IkError,
+    },
+    /// The kernel would not take the cell's limits.
+    #[error("the kernel would refuse the cell file: {}; correct it", crate::run::words::refusal(.0))]
+    Refused(Refusal),
+    /// A joint would have to be where it must not.
+    #[error(
+        "{place}: joint {} would have to be at {:.3}°, beyond {:.3}°; move the part (part.xyz_mm, part.rpy_deg) or the robot",
+        joint + 1, position.to_degrees(), limit.to_degrees()
+    )]
+    JointRange {
+        /// Where.
+        place: Box<Place>,
+        /// The joint, from 0.
+        joint: usize,
+        /// Where it would have to be (rad).
+        position: f64,
+        /// Where its range ends (rad), less what lies between setpoints.
+        limit: f64,
+    },
+    /// Flange or nozzle would leave the workspace.
+    #[error(
+        "{place}: flange or nozzle would be {:.2} mm beyond workspace.{bound}; move the part (part.xyz_mm, part.rpy_deg) or the bound",
+        by * 1e3
+    )]
+    Workspace {
+        /// Where.
+        place: Box<Place>,
+        /// The bound's key in the cell file.
+        bound: &'static str,
+        /// How far beyond it (m).
+        by: f64,
     },
     /// A joint would have to move faster than it may.
     #[error(

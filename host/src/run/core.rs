@@ -68,7 +68,7 @@ impl Core {
         let timeout_ns = (cell.link.timeout * 1e9) as u64;
         let robot = RtdeClient::new(&cell.robot.arm, cell.link.rate_hz, cell.link.register_offset, timeout_ns)?;
         Ok(Self {
-            kernel: Box::default(),
+            kernel: Box::new(Kernel::new(&cell.robot.arm)),
             robot,
             extruder: ExtruderLine::new(cell.extruder.flow_max, timeout_ns)?,
             telemetry: Vec::with_capacity(TELEMETRY_MAX),
@@ -221,7 +221,7 @@ impl Core {
             && state.safety_status_bits & SAFETY_MOVING != 0
             && self.extruder.status().ready;
         self.watch_readiness(now, state, ready);
-        let command = self.kernel.tick(&Sensors { actual: state.actual_q, ready });
+        let command = self.kernel.tick(now, &Sensors::robot(state.actual_q, ready));
         if let Some(joints) = command.joints {
             self.package = self.package.wrapping_add(1);
             self.robot.send_setpoint(self.package, &joints)?;

@@ -130,13 +130,15 @@ pub struct Job {
     alarms: Vec<String>,
     error: Option<JobError>,
     account: Account,
+    /// Messages that are not known here.
+    unknown: u64,
 }
 
 impl Job {
     /// A job that begins by asking the process for its status.
     pub fn new(cell: &Cell, account: Account) -> Self {
         let mut job = Self {
-            configure: configure(cell),
+            configure: cell.configure(),
             look_ahead: (LOOK_AHEAD * f64::from(cell.link.rate_hz)) as u32,
             reader: Reader::new(),
             phase: Phase::Attaching,
@@ -158,6 +160,7 @@ impl Job {
             alarms: Vec::new(),
             error: None,
             account,
+            unknown: 0,
         };
         job.say(&ToKernel::Hello);
         job
@@ -186,6 +189,11 @@ impl Job {
     /// The account so far.
     pub const fn account(&self) -> &Account {
         &self.account
+    }
+
+    /// Messages of the process that are not known here: it is of a later version.
+    pub const fn unknown(&self) -> u64 {
+        self.unknown
     }
 
     /// Alarms of links since the last call.
@@ -234,8 +242,12 @@ impl Job {
     pub fn handle_bytes(&mut self, bytes: &[u8], on_cycle: OnCycle<'_>) -> Result<(), JobError> {
         for &byte in bytes {
             let Some(frame) = self.reader.push(byte) else { continue };
-            let message = frame.and_then(frame::decode::<FromKernel>).map_err(JobError::Frame)?;
-            self.handle(message, on_cycle)?;
+            match frame.and_then(frame::decode::<FromKernel>) {
+                Ok(message) => self.handle(message, on_cycle)?,
+                // A later minor version may say more than is known here.
+                Err(FrameError::Message) => self.unknown += 1,
+                Err(error) => return Err(JobError::Frame(error)),
+            }
         }
         self.error.take().map_or(Ok(()), Err)
     }
@@ -405,7 +417,10 @@ impl Job {
 }
 
 /// A batch as the frames of its parts.
-fn frames(number: u32, batch: &Batch) -> Result<Vec<u8>, JobError> {
+///
+/// # Errors
+/// [`JobError::Code`] when a setpoint is not finite or beyond the grid.
+pub fn frames(number: u32, batch: &Batch) -> Result<Vec<u8>, JobError> {
     let mut frames = Vec::new();
     let mut coder = Coder::new();
     let mut code = [0; CODE_MAX];
@@ -437,18 +452,4 @@ fn frames(number: u32, batch: &Batch) -> Result<Vec<u8>, JobError> {
         opens = false;
     }
     Ok(frames)
-}
-
-/// The kernel's limits: the cell's.
-fn configure(cell: &Cell) -> Configure {
-    let list = |values: &[f64; 6]| values.iter().copied().collect();
-    Configure {
-        period_ns: 1_000_000_000 / u64::from(cell.link.rate_hz),
-        position_min: list(&cell.robot.arm.position_min.0),
-        position_max: list(&cell.robot.arm.position_max.0),
-        velocity_max: list(&cell.robot.joint_velocity_max.0),
-        acceleration_max: list(&cell.robot.joint_acceleration_max.0),
-        jerk_max: list(&cell.robot.joint_jerk_max.0),
-        following_error_max: cell.robot.following_error_max,
-    }
 }

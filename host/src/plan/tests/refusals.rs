@@ -1,7 +1,9 @@
 //! What cannot be run is refused with the place, the figure and a remedy, before anything moves.
 
 use super::*;
+use crate::config::Bound;
 use crate::plan::error::JointQuantity;
+use screed_kernel::guard::Plane;
 
 fn demo() -> (FimModel, Cell) {
     (wall(2), Cell::demo(125).unwrap())
@@ -79,6 +81,22 @@ fn points_out_of_reach_are_named_with_layer_segment_and_place() {
     }
     assert!(seen);
     assert!(matches!(attempt(&model, &cell), Err(PlanError::OutOfReach { .. })), "1.08 m ahead");
+}
+
+#[test]
+fn a_place_beyond_the_workspace_is_named_with_its_bound() {
+    let (model, mut cell) = demo();
+    let bound = |offset| Bound { key: "z_min_mm", plane: Plane { normal_in_base: [0.0, 0.0, -1.0], offset } };
+    // The nozzle goes down to the first layer, 15 mm above the part's frame.
+    let lowest = cell.part.base_from_part.translation.z + model.layers[0].process.layer_height;
+    cell.workspace = vec![bound(-lowest + 1e-3)];
+    assert!(attempt(&model, &cell).is_ok());
+    cell.workspace = vec![bound(-lowest - 1e-3)];
+    let Err(error @ PlanError::Workspace { .. }) = attempt(&model, &cell) else { panic!() };
+    assert!(error.to_string().contains("beyond workspace.z_min_mm"), "{error}");
+    // A limit that the kernel would refuse is an error of the cell, before there is a plan.
+    cell.workspace[0].plane.normal_in_base = [0.0, 0.0, -2.0];
+    assert!(matches!(attempt(&model, &cell), Err(PlanError::Refused(_))));
 }
 
 #[test]

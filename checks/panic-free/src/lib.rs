@@ -1,0 +1,184 @@
+//! Everything the kernel offers, as functions that a linker sees: `.ci/panic_free` links them with a panic handler that calls
+//! a function nobody has. Where the optimiser cannot prove a panic unreachable, linking fails.
+//!
+//! All arguments come from outside, the kernel's whole state among them: what is proven holds for every state, every sensor
+//! value and every byte, not only for those that a run would reach.
+#![no_std]
+
+use core::mem::MaybeUninit;
+use nalgebra::Vector3;
+use screed_kernel::arm::Arm;
+use screed_kernel::arms::ur::UR10E;
+use screed_kernel::correction::CorrectionLimits;
+use screed_kernel::fault::Fault;
+use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
+use screed_kernel::guard::{Motion, Periods, output_least};
+use screed_kernel::ik::{self, Branches, IkError};
+use screed_kernel::pose::Pose;
+use screed_kernel::setpoint::{self, CodeError, Coder, Setpoint};
+use screed_kernel::tick::{Command, Kernel, Sensors};
+use screed_kernel::units::{JointPos, Nanos};
+
+/// The kernel of an N-joint arm, all of its public functions; the names differ by N.
+macro_rules! kernel_roots {
+    ($joints:literal, $module:ident) => {
+        /// The roots for this count of joints.
+        pub mod $module {
+            use super::*;
+
+            /// [`Kernel::new`]
+            #[unsafe(export_name = concat!("root_new_", $joints))]
+            pub fn new(kernel: &mut MaybeUninit<Kernel<$joints, 4096>>, arm: &Arm<$joints>) {
+                kernel.write(Kernel::new(arm));
+            }
+
+            /// [`Kernel::receive`]: every message, broken and whole.
+            #[unsafe(export_name = concat!("root_receive_", $joints))]
+            pub fn receive(kernel: &mut Kernel<$joints, 4096>, bytes: &[u8]) -> usize {
+                kernel.receive(bytes)
+            }
+
+            /// [`Kernel::tick`]: every mode.
+            #[unsafe(export_name = concat!("root_tick_", $joints))]
+            pub fn tick(
+                kernel: &mut Kernel<$joints, 4096>,
+                now: Nanos,
+                sensors: &Sensors<$joints>,
+            ) -> Command<$joints> {
+                kernel.tick(now, sensors)
+            }
+
+            /// [`Kernel::poll_transmit`]
+            #[unsafe(export_name = concat!("root_poll_transmit_", $joints))]
+            pub fn poll_transmit(kernel: &mut Kernel<$joints, 4096>, out: &mut [u8]) -> usize {
+                kernel.poll_transmit(out)
+            }
+
+            /// What happens outside the kernel and is told to it.
+            #[unsafe(export_name = concat!("root_events_", $joints))]
+            pub fn events(kernel: &mut Kernel<$joints, 4096>, which: u8, fault: Fault) -> (Status, bool) {
+                match which {
+                    0 => kernel.host_changed(),
+                    1 => kernel.robot_lost(),
+                    2 => kernel.quit(),
+                    _ => kernel.raise(fault),
+                }
+                (kernel.status(), kernel.may_quit())
+            }
+
+            /// Both ways of the setpoint code.
+            #[unsafe(export_name = concat!("root_code_", $joints))]
+            pub fn code(
+                coder: &mut Coder<$joints>,
+                setpoint: &Setpoint<$joints>,
+                bytes: &mut [u8],
+            ) -> (Result<usize, CodeError>, Result<(Setpoint<$joints>, usize), CodeError>) {
+                (coder.encode(setpoint, bytes), coder.decode(bytes))
+            }
+
+            /// What a host needs to make a configuration.
+            #[unsafe(export_name = concat!("root_limits_", $joints))]
+            pub fn limits(
+                plan: &Motion<$joints>,
+                periods: Periods,
+                correction: &CorrectionLimits,
+            ) -> (MotionLimits, Motion<$joints>) {
+                let least = output_least(plan, periods, correction);
+                (MotionLimits::from(&least), least)
+            }
+
+            /// [`Arm::forward`]
+            #[unsafe(export_name = concat!("root_forward_", $joints))]
+            pub fn forward(arm: &Arm<$joints>, joints: &JointPos<$joints>) -> Pose {
+                arm.forward(joints)
+            }
+        }
+    };
+}
+
+kernel_roots!(3, three);
+kernel_roots!(6, six);
+kernel_roots!(7, seven);
+kernel_roots!(9, nine);
+
+/// [`frame::encode`] of what the host says.
+#[unsafe(no_mangle)]
+pub fn root_encode_to(message: &ToKernel, out: &mut [u8]) -> Result<usize, FrameError> {
+    frame::encode(message, out)
+}
+
+/// [`frame::encode`] of what the kernel says.
+#[unsafe(no_mangle)]
+pub fn root_encode_from(message: &FromKernel, out: &mut [u8]) -> Result<usize, FrameError> {
+    frame::encode(message, out)
+}
+
+/// [`frame::decode`] of what the kernel says.
+#[unsafe(no_mangle)]
+pub fn root_decode_from(bytes: &[u8]) -> Result<FromKernel, FrameError> {
+    frame::decode(bytes)
+}
+
+/// [`ik::ur::inverse`] of any arm with that table's shape.
+#[unsafe(no_mangle)]
+pub fn root_inverse(arm: &Arm<6>, pose: &Pose, seed: &JointPos<6>) -> Result<Branches<6>, IkError> {
+    ik::ur::inverse(arm, pose, seed)
+}
+
+/// [`ik::ur::nearest`]
+#[unsafe(no_mangle)]
+pub fn root_nearest(arm: Option<&Arm<6>>, pose: &Pose, seed: &JointPos<6>) -> Result<JointPos<6>, IkError> {
+    ik::ur::nearest(arm.unwrap_or(&UR10E), pose, seed)
+}
+
+/// Every function of [`Pose`].
+#[unsafe(no_mangle)]
+pub fn root_pose(a: &Pose, b: &Pose, v: &Vector3<f64>, w: &Vector3<f64>) -> (Pose, Vector3<f64>, bool) {
+    let made = Pose::from_rotation_vector(*v, *w) * Pose::from_roll_pitch_yaw(*v, w.x, w.y, w.z);
+    let all = *a * b.inverse() * made * Pose::from_translation(v.x, v.y, v.z) * Pose::identity();
+    (all, a.transform_point(v) + all.rotation_vector(), all.is_finite())
+}
+
+/// The grids of the wire.
+#[unsafe(no_mangle)]
+pub fn root_grids(value: f64) -> (f64, f64) {
+    (setpoint::joint_on_grid(value), setpoint::flow_on_grid(value))
+}
+
+/// The words of a fault.
+#[unsafe(no_mangle)]
+pub fn root_fault(fault: &Fault) -> (&'static str, &'static str, &'static str) {
+    (fault.code(), fault.cause(), fault.action())
+}
+
+/// Control: an index that nothing bounds.
+#[cfg(feature = "control-index")]
+#[unsafe(no_mangle)]
+pub fn root_control(values: &[u8], i: usize) -> u8 {
+    values[i]
+}
+
+/// Control: a sum that can overflow; a panic only where overflow is checked.
+#[cfg(feature = "control-overflow")]
+#[unsafe(no_mangle)]
+pub fn root_control(a: u32, b: u32) -> u32 {
+    a + b
+}
+
+/// Control: memory from a heap; without an allocator in any of the crates this does not even compile.
+#[cfg(feature = "control-alloc")]
+#[unsafe(no_mangle)]
+pub fn root_control(byte: u8) -> impl core::ops::Deref<Target = u8> {
+    extern crate alloc;
+    alloc::boxed::Box::new(byte)
+}
+
+#[cfg(all(panic = "abort", not(test)))]
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo) -> ! {
+    unsafe extern "C" {
+        fn a_panic_is_left_in_the_kernel() -> !;
+    }
+    // SAFETY: never runs: the function does not exist, and a program with this call in it does not link.
+    unsafe { a_panic_is_left_in_the_kernel() }
+}

@@ -1,0 +1,296 @@
+//! Frames: their bytes, what a bad line does to them, and what a hostile one can make the kernel do.
+
+mod common;
+
+use common::fuzz::{TO_KERNEL, envelope, fuzz, golden, read};
+use common::{Bench, PLAN, both, configure, sweep};
+use screed_kernel::correction::CorrectionLimits;
+use screed_kernel::fault::Fault;
+use screed_kernel::frame::{
+    self, BatchPart, CODE_MAX, Configure, CycleRecord, FRAME_MAX, FaultReport, FrameError, FromKernel, JOINTS_MAX,
+    ModeCode, Refusal, Status, ToKernel, Unsound, VERSION, WIRE_MAX,
+};
+use screed_kernel::guard::{PLANES_MAX, Plane, Quantity};
+use screed_kernel::setpoint::{Coder, Setpoint, flow_on_grid, joint_on_grid};
+use screed_kernel::units::JointPos;
+
+const CORRECTION: CorrectionLimits = CorrectionLimits { size_max: 0.02, velocity_max: 0.1, acceleration_max: 1.0 };
+
+fn wire<M: serde::Serialize>(message: &M) -> Vec<u8> {
+    let mut out = [0; WIRE_MAX];
+    let used = frame::encode(message, &mut out).unwrap();
+    out[..used].to_vec()
+}
+
+fn golden_configure() -> Configure {
+    let plane = Plane { normal_in_base: [0.0, 0.0, -1.0], offset: 0.25 };
+    Configure { workspace: [plane].into_iter().collect(), ..configure(&PLAN, 8_000_000, 2_000_000, CORRECTION) }
+}
+
+/// The setpoints of the golden batch: three on a line, the last of them laid down, three at rest.
+fn golden_setpoints() -> Vec<Setpoint<2>> {
+    let at = |k: f64, flow, deposit| Setpoint {
+        joints: JointPos([joint_on_grid(0.1 + 0.001 * k), joint_on_grid(-0.2)]),
+        flow: flow_on_grid(flow),
+        deposit,
+    };
+    vec![
+        at(0.0, 0.0, false),
+        at(1.0, 0.0, false),
+        at(2.0, 2e-5, true),
+        at(2.0, 0.0, false),
+        at(2.0, 0.0, false),
+        at(2.0, 0.0, false),
+    ]
+}
+
+fn golden_code() -> Vec<u8> {
+    let (mut coder, mut code, mut used) = (Coder::new(), vec![0; 256], 0);
+    for setpoint in golden_setpoints() {
+        used += coder.encode(&setpoint, &mut code[used..]).unwrap();
+    }
+    code.truncate(used);
+    code
+}
+
+/// Every message to the kernel, by name.
+fn to_kernel(code: &[u8]) -> Vec<(&'static str, ToKernel<'_>)> {
+    let batch = BatchPart { batch: 300, first_seq: 70_000, opens: true, commits: true, after: Some(69_999), code };
+    vec![
+        ("hello", ToKernel::Hello),
+        ("configure", ToKernel::Configure(golden_configure())),
+        ("batch", ToKernel::Batch(batch)),
+        ("batch-middle", ToKernel::Batch(BatchPart { opens: false, commits: false, after: None, code: &[], ..batch })),
+        ("rate", ToKernel::Rate(0.5)),
+        ("hold", ToKernel::Hold),
+        ("resume", ToKernel::Resume { epoch: 3 }),
+        ("stop", ToKernel::Stop),
+        ("rearm", ToKernel::Rearm { fault: 2 }),
+        ("quit", ToKernel::Quit),
+    ]
+}
+
+/// Every message from the kernel, and in them every refusal, fault and mode.
+fn from_kernel() -> Vec<(String, FromKernel)> {
+    let status = Status {
+        tick: 123_456,
+        epoch: 3,
+        mode: ModeCode::Moving,
+        fault: None,
+        consumed: 70_010,
+        end_seq: 70_500,
+        credits: 3000,
+        rate: 0.75,
+        frames_broken: 1,
+        frames_unknown: 2,
+        ticks_late: 3,
+        time_lost_ns: 4_000_000,
+    };
+    let cycle = CycleRecord {
+        tick: 123_456,
+        received_ns: 1_000_000,
+        ticked_ns: 1_004_000,
+        sent_ns: 1_010_000,
+        robot_time: 17.008,
+        missed: 1,
+        seq: 70_010,
+        mode: ModeCode::Moving,
+        deposit: true,
+        rate: 1.0,
+        flow: 2e-5,
+        commanded: both(0.1),
+        actual: both(0.099),
+    };
+    let note = |text: &str| heapless::String::try_from(text).unwrap();
+    let mut messages = vec![
+        ("accepted".into(), FromKernel::Accepted { batch: 300 }),
+        ("cycle".into(), FromKernel::Cycle(cycle)),
+        ("process".into(), FromKernel::Process { realtime: false, note: note("no SCHED_FIFO") }),
+        ("alarm".into(), FromKernel::Alarm { fatal: true, note: note("the robot is silent") }),
+    ];
+    let modes = [ModeCode::Unready, ModeCode::Holding, ModeCode::Moving, ModeCode::Stopping, ModeCode::Faulted];
+    for mode in modes {
+        messages.push((format!("status-{mode:?}").to_lowercase(), FromKernel::Status(Status { mode, ..status })));
+    }
+    let (joint, value, limit) = (1, 0.25, 0.125);
+    let faults = [
+        Fault::Following { joint, value, limit },
+        Fault::Sensor { joint },
+        Fault::RobotNotReady,
+        Fault::Output { quantity: Quantity::Velocity, joint, value, limit },
+        Fault::Extruder,
+        Fault::Deviation { joint, value, limit },
+        Fault::Correction { quantity: Quantity::Acceleration, joint, value, limit },
+    ];
+    assert_eq!(faults.len(), Fault::KINDS.len());
+    for fault in faults {
+        let report = FaultReport { number: 2, fault, tick: 123_000 };
+        let name = format!("status-{}", fault.code()).to_lowercase();
+        messages.push((name, FromKernel::Status(Status { mode: ModeCode::Faulted, fault: Some(report), ..status })));
+    }
+    let found = |quantity| Refusal::DoesNotFit { seq: 70_011, quantity, joint: 1, value: 2.5, limit: 2.0 };
+    let reasons = [
+        Refusal::Mode,
+        Refusal::Configuration(Unsound::Joints),
+        Refusal::Configuration(Unsound::Periods),
+        Refusal::Configuration(Unsound::Positions),
+        Refusal::Configuration(Unsound::Motion),
+        Refusal::Configuration(Unsound::Errors),
+        Refusal::Configuration(Unsound::Correction),
+        Refusal::Configuration(Unsound::Tool),
+        Refusal::Configuration(Unsound::Workspace),
+        Refusal::NoRoom { quantity: Quantity::Jerk, joint: 1, value: 100.0, limit: 200.0 },
+        Refusal::Full,
+        Refusal::TooLate,
+        Refusal::Sequence,
+        Refusal::Code,
+        found(Quantity::Finite),
+        found(Quantity::Position),
+        found(Quantity::Velocity),
+        found(Quantity::Acceleration),
+        found(Quantity::Jerk),
+        found(Quantity::Workspace),
+        Refusal::NotAtRest,
+        Refusal::Rate,
+        Refusal::Stale,
+    ];
+    for (number, reason) in reasons.into_iter().enumerate() {
+        messages.push((format!("refused-{number}"), FromKernel::Refused { batch: 300, reason }));
+    }
+    messages
+}
+
+#[test]
+fn every_message_is_encoded_to_and_decoded_from_the_committed_bytes() {
+    let code = golden_code();
+    let mut built: Vec<(String, Vec<u8>)> =
+        to_kernel(&code).iter().map(|(name, message)| ((*name).to_owned(), wire(message))).collect();
+    built.extend(from_kernel().iter().map(|(name, message)| (name.clone(), wire(message))));
+    let golden = golden();
+    let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+    for (index, (name, bytes)) in built.iter().enumerate() {
+        let golden = golden.get(index).map(|(name, bytes)| format!("{name}: {}", hex(bytes)));
+        assert_eq!(golden, Some(format!("{name}: {}", hex(bytes))), "line {index} of the golden frames");
+    }
+    assert_eq!((built.len(), to_kernel(&code).len()), (golden.len(), TO_KERNEL));
+    let plain = |bytes: &[u8]| read(bytes).remove(0).unwrap();
+    for ((_, message), (_, bytes)) in to_kernel(&code).iter().zip(&golden) {
+        assert_eq!(frame::decode::<ToKernel>(&plain(bytes)).as_ref(), Ok(message));
+    }
+    for ((_, message), (_, bytes)) in from_kernel().iter().zip(&golden[TO_KERNEL..]) {
+        assert_eq!(frame::decode::<FromKernel>(&plain(bytes)).as_ref(), Ok(message));
+    }
+    let (mut coder, mut rest) = (Coder::<2>::new(), code.as_slice());
+    for expected in golden_setpoints() {
+        let (setpoint, used) = coder.decode(rest).unwrap();
+        assert_eq!(setpoint, expected);
+        rest = &rest[used..];
+    }
+    assert!(rest.is_empty());
+}
+
+#[test]
+fn the_longest_messages_fit_one_frame() {
+    let joints: frame::JointValues = [1.0; JOINTS_MAX].into_iter().collect();
+    let motion = frame::MotionLimits {
+        velocity_max: joints.clone(),
+        acceleration_max: joints.clone(),
+        jerk_max: joints.clone(),
+    };
+    let configure = Configure {
+        sample_period_ns: u64::MAX,
+        tick_period_ns: u64::MAX,
+        position_min: joints.clone(),
+        position_max: joints.clone(),
+        plan: motion.clone(),
+        output: motion,
+        workspace: [Plane { normal_in_base: [1.0; 3], offset: 1.0 }; PLANES_MAX].into_iter().collect(),
+        ..golden_configure()
+    };
+    assert!(wire(&ToKernel::Configure(configure)).len() <= WIRE_MAX);
+    let code = [0xff; CODE_MAX];
+    let part = BatchPart {
+        batch: u32::MAX,
+        first_seq: u32::MAX,
+        opens: true,
+        commits: true,
+        after: Some(u32::MAX),
+        code: &code,
+    };
+    assert!(wire(&ToKernel::Batch(part)).len() <= WIRE_MAX);
+    let note = heapless::String::try_from("x".repeat(frame::NOTE_MAX).as_str()).unwrap();
+    assert!(wire(&FromKernel::Alarm { fatal: true, note }).len() < FRAME_MAX);
+    assert_eq!(
+        frame::encode(&ToKernel::Batch(BatchPart { code: &[0; FRAME_MAX], ..part }), &mut [0; WIRE_MAX]),
+        Err(FrameError::TooLong)
+    );
+    assert_eq!(frame::encode(&ToKernel::Hello, &mut [0; 7]), Err(FrameError::TooLong));
+}
+
+#[test]
+fn every_length_of_payload_comes_back() {
+    let payload: Vec<u8> = (0..CODE_MAX).map(|k| (k * 7 % 256) as u8).collect();
+    for len in (0..600).chain([CODE_MAX]) {
+        for flat in [None, Some(0_u8), Some(1)] {
+            let code: Vec<u8> = payload[..len].iter().map(|&b| flat.unwrap_or(b)).collect();
+            let part = BatchPart { batch: 7, first_seq: 9, opens: true, commits: false, after: Some(8), code: &code };
+            let bytes = wire(&ToKernel::Batch(part));
+            assert_eq!(bytes.iter().position(|&b| b == 0), Some(bytes.len() - 1));
+            let plain = read(&bytes).remove(0).unwrap();
+            assert_eq!(frame::decode::<ToKernel>(&plain), Ok(ToKernel::Batch(part)));
+        }
+    }
+}
+
+#[test]
+fn a_flipped_bit_or_a_lost_byte_is_noticed_and_the_next_frame_is_read() {
+    let good = wire(&ToKernel::Resume { epoch: 3 });
+    for at in 0..good.len() {
+        for bit in 0..9 {
+            let mut bad = good.clone();
+            if bit == 8 {
+                bad.remove(at);
+            } else {
+                bad[at] ^= 1 << bit;
+            }
+            bad.push(0);
+            bad.extend(&good);
+            let whole: Vec<_> = read(&bad).into_iter().flatten().collect();
+            for plain in &whole {
+                assert_eq!(frame::decode::<ToKernel>(plain), Ok(ToKernel::Resume { epoch: 3 }));
+            }
+            // Losing only the final zero loses nothing: another zero follows.
+            let expected = if at == good.len() - 1 && bit == 8 { 2 } else { 1 };
+            assert_eq!(whole.len(), expected, "byte {at}, bit {bit}");
+        }
+    }
+}
+
+#[test]
+fn a_later_minor_version_is_read_and_its_new_messages_are_counted_and_stop_nothing() {
+    let hold = envelope(VERSION + 3, &[4]);
+    assert_eq!(frame::decode::<ToKernel>(&read(&hold).remove(0).unwrap()), Ok(ToKernel::Hold));
+    // Variant 9 and a refusal of number 200 do not exist; neither do bytes behind a message.
+    for body in [&[9][..], &[200, 1], &[4, 0]] {
+        assert_eq!(
+            frame::decode::<ToKernel>(&read(&envelope(VERSION, body)).remove(0).unwrap()),
+            Err(FrameError::Message)
+        );
+    }
+    assert_eq!(read(&envelope(VERSION + 0x10, &[4])), [Err(FrameError::Version(VERSION + 0x10))]);
+    let mut bench = Bench::<1024>::new(configure(&PLAN, 2_000_000, 2_000_000, CORRECTION));
+    assert_eq!(bench.batch(1, None, &sweep(0.1, 0.6, 500)), None);
+    bench.resume();
+    for _ in 0..100 {
+        bench.tick();
+    }
+    bench.send(&envelope(VERSION + 1, &[9, 1, 2, 3]));
+    bench.send(&envelope(VERSION + 0x10, &[4]));
+    let status = bench.status();
+    assert_eq!((status.frames_unknown, status.frames_broken, status.mode), (1, 1, ModeCode::Moving));
+}
+
+#[test]
+fn a_hundred_thousand_fuzzed_inputs_do_no_harm() {
+    assert_eq!(fuzz(1, 100_000).corrupt, 0);
+}
