@@ -112,6 +112,26 @@ fn a_torn_log_gives_its_rows_and_then_fails() {
     assert_eq!(std::fs::read_to_string(&table).expect("the table").lines().count(), 1 + 192);
 }
 
+#[test]
+fn a_reader_that_has_gone_breaks_nothing_off() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let log = folder.path().join("demo.screedlog");
+    // The progress of two minutes finds nobody.
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").expect("a device that takes nothing");
+    let demo = Command::new(env!("CARGO_BIN_EXE_screed"))
+        .args(["demo", "--layers", "2", "--fast", "--log"])
+        .arg(&log)
+        .stdout(Stdio::null())
+        .stderr(full)
+        .status();
+    assert_eq!(demo.expect("the program runs").code(), Some(0));
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    let read = Command::new(env!("CARGO_BIN_EXE_screed")).arg("log").arg(&log).stdout(writer).output();
+    let read = read.expect("the program runs");
+    assert_eq!((read.status.code(), String::from_utf8_lossy(&read.stderr).as_ref()), (Some(0), ""));
+}
+
 /// A child that does not outlive the test.
 struct Running(Child);
 

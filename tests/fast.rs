@@ -11,6 +11,7 @@ use screed::run::print::Print;
 use screed::run::session::Wishes;
 use screed::run::summary::Summary;
 use screed::run::virtual_time::{self, Virtual};
+use screed_fixtures::{QuarterCircle, quarter_circle};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::units::JointPos;
 use std::path::PathBuf;
@@ -113,6 +114,44 @@ fn without_the_servoj_line_nothing_moves_and_the_error_says_why() {
     assert_eq!(failure.exit, Exit::SafetyStop);
     assert!(failure.to_string().contains("does not follow") && failure.to_string().contains("servoj"), "{failure}");
     assert!(record.iter().all(|cycle| cycle.actual_q == record[0].actual_q));
+}
+
+#[test]
+fn a_robot_whose_program_does_not_play_ends_the_job() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("robot.script");
+    std::fs::write(&path, "def screed():\n  sync()\nend\n").unwrap();
+    let mut demo = demo(125);
+    demo.program = Some(path);
+    let (summary, record) = recorded(demo);
+    let failure = summary.unwrap_err();
+    assert_eq!(failure.exit, Exit::Link);
+    assert!(failure.to_string().contains("no program is playing"), "{failure}");
+    assert!(record.iter().all(|cycle| cycle.actual_q == record[0].actual_q));
+}
+
+#[test]
+fn stops_that_take_longer_than_the_look_ahead_do_not_starve_the_ring() {
+    let text = quarter_circle(&QuarterCircle {
+        layers: 1,
+        layer_time: 1500.0,
+        acceleration_max: 0.001,
+        ..QuarterCircle::default()
+    });
+    let model = fim::parse("slow.ifc", text.as_bytes()).unwrap();
+    let cell = config::Cell::demo(125).unwrap();
+    let print = Print {
+        cell: &cell,
+        model: &model,
+        wishes: Wishes::default(),
+        log: None,
+        source: ("slow.ifc", text.as_bytes()),
+        yes: true,
+        quiet: true,
+    };
+    let surroundings = Virtual { program: program(&cell).unwrap(), fault: None, record: None, quiet: true };
+    let summary = virtual_time::print(&print, surroundings).unwrap();
+    assert_eq!((summary.outcome, summary.figures.sent), ("complete", u64::from(summary.planned)));
 }
 
 #[test]

@@ -86,9 +86,9 @@ pub struct Flags(pub u8);
 impl Flags {
     /// The tool deposits.
     pub const DEPOSIT: Self = Self(1);
-    /// The previous setpoint was sent once more.
+    /// While the path was played, the robot had a setpoint once more: at least one of its states went without an answer.
     pub const DOUBLED: Self = Self(2);
-    /// At least one state of the robot was overtaken by a newer one before it could be answered.
+    /// At least one state of the robot before this one went without an answer.
     pub const SKIPPED: Self = Self(4);
 
     /// Whether all flags of `other` are set.

@@ -1,5 +1,14 @@
 //! The only place with clocks, sockets and threads; and the machines that it drives.
 
+/// A line on standard error. Unlike `eprintln!` it goes on when nobody reads: a print must not break off because a terminal
+/// was closed.
+macro_rules! note {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stderr(), $($text)*);
+    }};
+}
+
 pub mod account;
 pub mod children;
 pub mod core;

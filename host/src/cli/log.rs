@@ -1,6 +1,7 @@
 //! `screed log`
 
 use super::args::LogArgs;
+use super::say;
 use crate::failure::{Exit, Failure};
 use crate::log::{CsvError, Flags, LogReader, write_csv};
 use std::fs::File;
@@ -39,11 +40,10 @@ fn table(log: LogReader, out: &mut impl io::Write) -> Result<(), Failure> {
 
 fn summarise(mut log: LogReader) -> Result<(), Failure> {
     let metadata = log.metadata();
-    println!(
-        "cell {}, robot {}, {} Hz, written by screed {}",
-        metadata.cell, metadata.arm, metadata.rate_hz, metadata.screed
+    let mut text = format!(
+        "cell {}, robot {}, {} Hz, written by screed {}\nmodel {} ({})\n",
+        metadata.cell, metadata.arm, metadata.rate_hz, metadata.screed, metadata.model, metadata.model_hash
     );
-    println!("model {} ({})", metadata.model, metadata.model_hash);
     let (mut cycles, mut doubled, mut skipped, mut first, mut last) = (0u64, 0u64, 0u64, None, None);
     let result = log.try_for_each(|record| {
         record.map(|record| {
@@ -54,10 +54,11 @@ fn summarise(mut log: LogReader) -> Result<(), Failure> {
             last = Some(record);
         })
     });
-    println!("{cycles} cycles, {doubled} with a doubled setpoint, {skipped} after a skipped robot state");
+    text += &format!("{cycles} cycles, {doubled} with a doubled setpoint, {skipped} after a skipped robot state\n");
     if let (Some(first), Some(last)) = (first, last) {
         let seconds = last.received.since(first.received) as f64 * 1e-9;
-        println!("ticks {} to {}, {seconds:.3} s, setpoints to {}", first.tick.0, last.tick.0, last.seq);
+        text += &format!("ticks {} to {}, {seconds:.3} s, setpoints to {}\n", first.tick.0, last.tick.0, last.seq);
     }
+    say(&text)?;
     Ok(result?)
 }

@@ -137,6 +137,21 @@ pub enum PlanError {
     /// The job takes more setpoints than a sequence number counts.
     #[error("the job takes more than 4,294,967,295 setpoints; print fewer layers at a time")]
     TooLong,
+    /// The real-time process has no room for a piece of the path and the way to rest from it.
+    #[error(
+        "the {kind} of layer \"{layer}\" takes so long to come to rest that {needed:.1} s of setpoints would have to be sent ahead, \
+         the ring holds {room:.1} s; allow more acceleration, or a rate_hz of 125 in the cell file"
+    )]
+    StopTooLong {
+        /// The layer's name.
+        layer: String,
+        /// The move.
+        kind: MoveKind,
+        /// What would have to be in the ring at once (s).
+        needed: f64,
+        /// What the ring holds (s).
+        room: f64,
+    },
     /// The joints to start from are no position of this robot.
     #[error("joint {} of the start is {position} rad, outside {low:.4} to {high:.4} rad; move the robot into its range", joint + 1)]
     Start {

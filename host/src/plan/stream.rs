@@ -9,6 +9,7 @@ use super::moves::{Move, MoveKind};
 use super::profile::{Brake, State};
 use super::route::Route;
 use super::tooling::on_grid;
+use crate::run::core::RING;
 use screed_kernel::setpoint::flow_on_grid;
 use screed_kernel::units::JointPos;
 use std::ops::Deref;
@@ -17,6 +18,8 @@ use std::ops::Deref;
 const BATCH_TIME_MIN: f64 = 1.0;
 /// Where no cruise and no rest has come for this long (s), a batch may also end while the speed changes.
 const BATCH_TIME_PATIENT: f64 = 2.0;
+/// While a batch is on its way to the real-time process, this much of the path before it may be left in the ring (s).
+const HANDOVER: f64 = 1.0;
 /// Equal setpoints that end a tail, so that differences of its last setpoints are zero.
 const PADDING: usize = 2;
 
@@ -69,6 +72,8 @@ pub struct Batches<P> {
     /// Along that move.
     state: State,
     last: Setpoint,
+    /// Setpoints of the stop tail before.
+    tail_len: usize,
     done: bool,
 }
 
@@ -78,7 +83,7 @@ impl<P: Deref<Target = Plan>> Batches<P> {
         let (kind, layer) = plan.moves.first().map_or((MoveKind::Approach, 0), |first| (first.kind, first.layer));
         let last = Setpoint { seq: 0, joints: plan.start, flow: 0.0, deposit: false, kind, layer };
         let done = plan.moves.is_empty();
-        Self { plan, at: (0, 0), state: AT_START, last, done }
+        Self { plan, at: (0, 0), state: AT_START, last, tail_len: 0, done }
     }
 
     fn batch(&mut self) -> Result<Batch, PlanError> {
@@ -106,6 +111,22 @@ impl<P: Deref<Target = Plan>> Batches<P> {
         let path_len = setpoints.len();
         pad(&mut setpoints, self.last);
         Ok(Batch { after, setpoints, path_len })
+    }
+
+    /// The batch, if the ring can take it while the one before is played: the end of that path and its tail are still held
+    /// then.
+    fn fitting(&mut self, batch: Batch) -> Result<Batch, PlanError> {
+        let held = (HANDOVER * self.plan.rate) as usize + self.tail_len;
+        if held + batch.setpoints.len() > RING {
+            return Err(PlanError::StopTooLong {
+                layer: self.plan.layer_name(self.last.layer).to_owned(),
+                kind: self.last.kind,
+                needed: (held + batch.setpoints.len()) as f64 / self.plan.rate,
+                room: RING as f64 / self.plan.rate,
+            });
+        }
+        self.tail_len = batch.setpoints.len() - batch.path_len;
+        Ok(batch)
     }
 
     /// How the path can be left at the last setpoint; none where a batch must not end.
@@ -162,7 +183,7 @@ impl<P: Deref<Target = Plan>> Iterator for Batches<P> {
         if self.done {
             return None;
         }
-        let batch = self.batch();
+        let batch = self.batch().and_then(|batch| self.fitting(batch));
         self.done |= batch.is_err();
         Some(batch)
     }

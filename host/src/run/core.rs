@@ -22,6 +22,9 @@ const PLAYING: u32 = 2;
 const RUNNING: i32 = 7;
 const SAFETY_MOVING: u32 = 0b11;
 
+/// How long the robot may take no setpoints before the host is told why (ns).
+const READY_PATIENCE_NS: u64 = 3_000_000_000;
+
 /// Why there is no such machine for a cell.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CoreError {
@@ -51,6 +54,9 @@ pub struct Core {
     realtime: bool,
     note: heapless::String<NOTE_MAX>,
     extruder_failed: bool,
+    /// Since when the robot takes no setpoints, and whether the host has been told why.
+    unready_since: Option<Nanos>,
+    unready_told: bool,
 }
 
 impl Core {
@@ -73,6 +79,8 @@ impl Core {
             realtime,
             note: shorten(note),
             extruder_failed: false,
+            unready_since: None,
+            unready_told: false,
         })
     }
 
@@ -132,6 +140,7 @@ impl Core {
     pub fn on_host_attached(&mut self) {
         self.telemetry.clear();
         self.kernel.host_changed();
+        (self.unready_since, self.unready_told) = (None, false);
         self.say(&FromKernel::Process { realtime: self.realtime, note: self.note.clone() });
     }
 
@@ -181,6 +190,12 @@ impl Core {
         self.kernel.quit();
     }
 
+    /// Somebody else than the host ends the process: tells the host, and comes to rest.
+    pub fn quit_by_signal(&mut self) {
+        self.alarm(true, &"screed-rt was told to end by a signal: the arm comes to rest on its path");
+        self.quit();
+    }
+
     /// Whether the extruder has confirmed that it is told to stand still.
     pub fn extruder_stands(&self) -> bool {
         let status = self.extruder.status();
@@ -205,6 +220,7 @@ impl Core {
             && state.robot_mode == RUNNING
             && state.safety_status_bits & SAFETY_MOVING != 0
             && self.extruder.status().ready;
+        self.watch_readiness(now, state, ready);
         let command = self.kernel.tick(now, &Sensors::robot(state.actual_q, ready));
         if let Some(joints) = command.joints {
             self.package = self.package.wrapping_add(1);
@@ -229,6 +245,32 @@ impl Core {
             actual: list(&state.actual_q.0),
         });
         Ok(())
+    }
+
+    /// Tells the host once, after a while, why the robot takes no setpoints: nothing would ever move, and nobody would know.
+    fn watch_readiness(&mut self, now: Nanos, state: &RobotState, ready: bool) {
+        if ready {
+            (self.unready_since, self.unready_told) = (None, false);
+            return;
+        }
+        let since = *self.unready_since.get_or_insert(now);
+        if self.unready_told || now.since(since) < READY_PATIENCE_NS {
+            return;
+        }
+        self.unready_told = true;
+        let RobotState { robot_mode, safety_status_bits, runtime_state, .. } = state;
+        if *robot_mode != RUNNING {
+            let text = "the robot is not running: switch it on and release its brakes at the teach pendant";
+            self.alarm(false, &format_args!("{text} (robot mode {robot_mode}, needed {RUNNING})"));
+        } else if safety_status_bits & SAFETY_MOVING == 0 {
+            let text = "the robot's safety system holds it: look at the teach pendant";
+            self.alarm(false, &format_args!("{text} (safety status bits {safety_status_bits:#x})"));
+        } else if *runtime_state != PLAYING {
+            let text = "no program is playing on the robot: start Screed's at the teach pendant";
+            self.alarm(false, &format_args!("{text} (runtime state {runtime_state}, needed {PLAYING})"));
+        } else {
+            self.alarm(false, &"the extruder is not ready: it has not answered without a fault");
+        }
     }
 
     fn check(&mut self, result: Result<(), LinkError>) -> Result<(), LinkError> {

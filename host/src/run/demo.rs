@@ -16,6 +16,7 @@ use screed_fixtures::{QuarterCircle, quarter_circle};
 use std::fs;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// The demo's model, as it is called in reports.
 const MODEL_NAME: &str = "quarter-circle.ifc";
@@ -52,7 +53,8 @@ impl Demo {
     /// [`Failure`].
     pub fn run(&self) -> Result<Summary, Failure> {
         signal::catch_stop()?;
-        let text = quarter_circle(&QuarterCircle::default());
+        let published = QuarterCircle::default();
+        let text = quarter_circle(&QuarterCircle { layers: published.layers.max(self.layers), ..published });
         let model = fim::parse(MODEL_NAME, text.as_bytes()).map_err(|e| e.into_failure(MODEL_NAME, text.as_bytes()))?;
         let cell = Cell::demo(self.rate_hz)?;
         let program = match &self.program {
@@ -105,6 +107,10 @@ impl Demo {
         process.args(["--robot", &address, "--extruder", &device, "--exit-when-idle", "60"]);
         let attached = print::attach(&socket, Some(process))?;
         let summary = print::run(print, attached);
+        if summary.is_err() {
+            // Whatever was lost, the machines' own watchdogs stop arm and flow; their records shall show it.
+            std::thread::sleep(Duration::from_secs(1));
+        }
         // In this order: the robot's client has gone, then the simulated machines.
         drop((robot, extruder));
         summary
@@ -136,7 +142,9 @@ impl Folder {
     /// # Errors
     /// [`Failure`] when none can be made.
     pub fn new() -> Result<Self, Failure> {
-        let base = std::env::temp_dir();
+        // A TMPDIR that is empty counts as not set.
+        let base = Some(std::env::temp_dir()).filter(|base| !base.as_os_str().is_empty());
+        let base = base.unwrap_or_else(|| PathBuf::from("/tmp"));
         let mut last = None;
         for attempt in 0..100_u32 {
             let path = base.join(format!("screed-{}-{attempt}", std::process::id()));

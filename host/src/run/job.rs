@@ -93,6 +93,9 @@ pub enum Phase {
 struct Outgoing {
     batch: u32,
     len: u32,
+    /// Last setpoint of its path, and of its stop tail.
+    path_end: u32,
+    end_seq: u32,
     frames: Vec<u8>,
 }
 
@@ -117,8 +120,10 @@ pub struct Job {
     /// The batch whose answer has not come.
     unanswered: Option<u32>,
     batches: u32,
-    /// Last setpoint of the last batch the kernel took.
+    /// Last setpoint of the last batch sent.
     end_seq: u32,
+    /// Last setpoint of that batch's path: from there on the next batch takes over, so that only this far the ring is filled.
+    path_end: u32,
     started: bool,
     exhausted: bool,
     left_behind: Option<Status>,
@@ -148,6 +153,7 @@ impl Job {
             unanswered: None,
             batches: 0,
             end_seq: 0,
+            path_end: 0,
             started: false,
             exhausted: false,
             left_behind: None,
@@ -362,27 +368,26 @@ impl Job {
         planned
     }
 
-    /// Keeps the ring filled to the look-ahead, one batch on the way at a time, and starts it when it is.
+    /// Keeps the ring filled to the look-ahead, or as far as it has room, one batch on the way at a time, and starts it then.
     fn fill(&mut self) -> Result<(), JobError> {
         let Some(status) = self.status else { return Ok(()) };
         if self.unanswered.is_some() || !self.credits_known {
             return Ok(());
         }
-        let ahead = self.end_seq.saturating_sub(status.consumed);
-        let enough = ahead >= self.look_ahead || self.exhausted;
-        if enough && !self.started && self.end_seq > 0 {
+        if self.path_end.saturating_sub(status.consumed) < self.look_ahead && !self.exhausted {
+            if self.next.is_none() {
+                self.next = self.draw()?;
+            }
+            if let Some(next) = self.next.take_if(|next| next.len <= status.credits) {
+                self.out.extend_from_slice(&next.frames);
+                self.unanswered = Some(next.batch);
+                (self.path_end, self.end_seq) = (next.path_end, next.end_seq);
+                return Ok(());
+            }
+        }
+        if !self.started && self.end_seq > 0 {
             self.say(&ToKernel::Resume { epoch: status.epoch });
             self.started = true;
-        }
-        if enough {
-            return Ok(());
-        }
-        if self.next.is_none() {
-            self.next = self.draw()?;
-        }
-        if let Some(next) = self.next.take_if(|next| next.len <= status.credits) {
-            self.out.extend_from_slice(&next.frames);
-            self.unanswered = Some(next.batch);
         }
         Ok(())
     }
@@ -395,9 +400,11 @@ impl Job {
         };
         self.batches += 1;
         let frames = frames(self.batches, &batch)?;
-        self.account.expect(batch.setpoints.get(..batch.path_len).unwrap_or(&[]));
-        self.end_seq = batch.setpoints.last().map_or(self.end_seq, |last| last.seq);
-        Ok(Some(Outgoing { batch: self.batches, len: batch.setpoints.len() as u32, frames }))
+        let (path, _) = batch.setpoints.split_at_checked(batch.path_len).unwrap_or_default();
+        self.account.expect(path);
+        let last = |setpoints: &[Planned]| setpoints.last().map_or(self.end_seq, |last| last.seq);
+        let (path_end, end_seq) = (last(path), last(&batch.setpoints));
+        Ok(Some(Outgoing { batch: self.batches, len: batch.setpoints.len() as u32, path_end, end_seq, frames }))
     }
 
     fn say(&mut self, message: &ToKernel) {

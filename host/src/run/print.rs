@@ -102,10 +102,7 @@ pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
     let log = open_log(print)?;
     let Attached { stream, process, socket } = attached;
     if !print.quiet {
-        eprintln!(
-            "screed-rt answers at {}; should this program be lost, attach another with --attach",
-            socket.display()
-        );
+        note!("screed-rt answers at {}; should this program be lost, attach another with --attach", socket.display());
     }
     let mut session = Session::new(print.cell, print.model, print.wishes.clone(), log);
     stream.set_nonblocking(true).map_err(|error| {
@@ -156,7 +153,7 @@ impl Driver {
             if !told && let Some(status) = session.job().left_behind() {
                 told = true;
                 let playing = matches!(status.mode, ModeCode::Moving | ModeCode::Stopping);
-                eprintln!(
+                note!(
                     "note: an earlier host was lost; its ring {} to its end, where the arm rests on its path: setpoint {} of {}. \
                      To go on with that print, choose the layer with --from-layer.",
                     if playing { "is being played" } else { "was played" },
@@ -166,7 +163,7 @@ impl Driver {
             }
             for alarm in session.job().take_alarms() {
                 self.end_line();
-                eprintln!("alarm: {alarm}");
+                note!("alarm: {alarm}");
             }
             match session.step(self.started.elapsed().as_secs_f64())? {
                 Step::Running => {}
@@ -210,7 +207,15 @@ impl Driver {
 
     /// Waits a little for the process, hears it, and says what there is to say.
     fn exchange(&mut self, session: &mut Session<'_>) -> Result<(), Failure> {
-        let gone = || Failure::new(Exit::Link, "screed-rt has ended", "look at what it said, and start it again");
+        let greeted = session.job().process().is_some();
+        let gone = || match greeted {
+            true => Failure::new(Exit::Link, "screed-rt has ended", "see where the arm stands, then start again"),
+            false => Failure::new(
+                Exit::Link,
+                "screed-rt closed the connection at once: another host is attached to it",
+                "wait until that one has ended, or end it",
+            ),
+        };
         let mut line = libc::pollfd { fd: self.stream.as_raw_fd(), events: libc::POLLIN, revents: 0 };
         // SAFETY: one entry, which outlives the call.
         unsafe { libc::poll(&raw mut line, 1, 5) };
@@ -235,12 +240,12 @@ impl Driver {
         if let Some(plan) = session.plan() {
             let approach = plan.approach();
             if approach.lifted {
-                eprintln!("the tool is first lifted straight up to the travel height");
+                note!("the tool is first lifted straight up to the travel height");
             }
-            eprintln!("approach, joints in degrees:");
-            eprintln!("  from {}", degrees(&approach.from));
-            eprintln!("  to   {}", degrees(&approach.to));
-            eprintln!(
+            note!("approach, joints in degrees:");
+            note!("  from {}", degrees(&approach.from));
+            note!("  to   {}", degrees(&approach.to));
+            note!(
                 "  {:.1} s; the tool goes {:.3} m, nowhere lower than {:.0} mm above the part's base",
                 approach.duration,
                 approach.tool_distance,
@@ -256,8 +261,8 @@ impl Driver {
 
     /// Shows the fault that the process stands in and asks whether to leave it.
     fn ask_rearm(&mut self, report: &FaultReport, print: &Print<'_>) -> Receiver<bool> {
-        eprintln!("screed-rt stands in fault {}, {}", report.number, words::fault(&report.fault));
-        eprintln!("remedy: {}", report.fault.action());
+        note!("screed-rt stands in fault {}, {}", report.number, words::fault(&report.fault));
+        note!("remedy: {}", report.fault.action());
         if print.yes {
             let (sender, receiver) = mpsc::channel();
             let _ = sender.send(true);
@@ -275,17 +280,12 @@ impl Driver {
         let Some(progress) = session.progress(self.started.elapsed().as_secs_f64()) else { return };
         self.shown = Some(Instant::now());
         let line = progress_line(session, &progress);
-        if self.terminal {
-            eprint!("\r\x1b[K{line}")
-        } else {
-            eprintln!("{line}")
-        }
-        let _ = io::stderr().flush();
+        let _ = if self.terminal { write!(io::stderr(), "\r\x1b[K{line}") } else { writeln!(io::stderr(), "{line}") };
     }
 
     fn end_line(&mut self) {
         if self.terminal && self.shown.is_some() {
-            eprintln!();
+            note!();
             self.shown = None;
         }
     }
@@ -294,7 +294,7 @@ impl Driver {
 /// Asks on standard error; the answer comes from a thread of its own, so that the print is listened to while the person
 /// thinks.
 fn answer_to(question: &str, wanted: &'static str) -> Receiver<bool> {
-    eprint!("{question}");
+    let _ = write!(io::stderr(), "{question}");
     let (sender, receiver) = mpsc::channel();
     std::thread::spawn(move || {
         let mut line = String::new();

@@ -71,7 +71,7 @@ pub enum RtError {
     #[error(transparent)]
     Core(#[from] CoreError),
     /// The host's socket cannot be made.
-    #[error("the socket {path} cannot be made: {source}; choose another with --socket", path = .path.display())]
+    #[error("the socket {path} cannot be made: {source}; choose another, with --socket or TMPDIR", path = .path.display())]
     Socket {
         /// Which.
         path: PathBuf,
@@ -243,7 +243,10 @@ impl Process {
             self.host.accept(&mut self.core);
             let idle = self.host.stream.is_none()
                 && exit_when_idle.is_some_and(|limit| self.host.idle_since.elapsed().as_secs() >= limit);
-            if (signal::stop_requested() || idle) && !ending {
+            if !ending && signal::stop_requested() {
+                ending = true;
+                self.core.quit_by_signal();
+            } else if !ending && idle {
                 ending = true;
                 self.core.quit();
             }

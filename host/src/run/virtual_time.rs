@@ -193,7 +193,7 @@ fn play(
             && world.now.0.is_multiple_of(PROGRESS_NS)
             && let Some(progress) = session.progress(world.seconds())
         {
-            eprintln!("{}", print::progress_line(session, &progress));
+            note!("{}", print::progress_line(session, &progress));
         }
     }
 }

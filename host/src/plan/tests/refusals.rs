@@ -147,3 +147,17 @@ fn where_the_nearest_branch_does_not_do_another_is_taken() {
     assert!((other.approach().to.0[2] - usual.0[2]).abs() > 0.5);
     assert_motion(&cell, &padded(&assert_batches(&other, &cell)), "another branch");
 }
+
+#[test]
+fn a_stop_that_takes_longer_than_the_ring_holds() {
+    let (mut model, mut cell) = (wall(1), Cell::demo(500).unwrap());
+    model.layers[0].process.acceleration_max = 0.005;
+    model.layers[0].process.layer_time = 1.0;
+    let Err(PlanError::LayerTimeTooShort { shortest, .. }) = attempt(&model, &cell) else { panic!() };
+    model.layers[0].process.layer_time = 1.001 * shortest;
+    let Err(PlanError::StopTooLong { kind, needed, room, .. }) = attempt(&model, &cell) else { panic!() };
+    assert_eq!((kind, room), (MoveKind::Deposit, 8.192));
+    assert!(needed > room);
+    cell.link.rate_hz = 125;
+    assert!(attempt(&model, &cell).is_ok());
+}
