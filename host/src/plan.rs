@@ -53,16 +53,6 @@ pub struct Plan {
     /// Setpoints a second.
     rate: f64,
     layer_names: Vec<String>,
-    batch_max: BatchMax,
-}
-
-/// The greatest batch of a job.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct BatchMax {
-    /// Most path setpoints in one batch.
-    pub path: usize,
-    /// Most setpoints in one stop tail.
-    pub tail: usize,
 }
 
 impl Plan {
@@ -88,8 +78,7 @@ impl Plan {
         let layer_names = model.layers.iter().map(|layer| layer.name.clone()).collect();
         let nowhere =
             Approach { lifted: false, from: start, to: start, duration: 0.0, tool_distance: 0.0, tool_lowest: 0.0 };
-        let batch_max = BatchMax::default();
-        let plan = Self { moves, approach: nowhere, start, tooling, rate, layer_names, batch_max };
+        let plan = Self { moves, approach: nowhere, start, tooling, rate, layer_names };
         let mut refused = None;
         for to in plan.branches()? {
             match plan.clone().approaching(cell, first_layer, to) {
@@ -139,7 +128,7 @@ impl Plan {
         }
         // The padding behind the last one counts on.
         seq.checked_add(16).ok_or(PlanError::TooLong)?;
-        self.batch_max = self.verified(cell)?;
+        self.verified(cell)?;
         Ok(self)
     }
 
@@ -166,9 +155,8 @@ impl Plan {
         Ok((step, joints))
     }
 
-    fn verified(&self, cell: &Cell) -> Result<BatchMax, PlanError> {
+    fn verified(&self, cell: &Cell) -> Result<(), PlanError> {
         let mut path = JointCheck::new(cell, &self.start)?;
-        let mut max = BatchMax::default();
         let judge = |check: &mut JointCheck, setpoints: &[Setpoint]| {
             setpoints
                 .iter()
@@ -179,9 +167,8 @@ impl Plan {
             let (path_part, tail_part) = batch.setpoints.split_at(batch.path_len);
             judge(&mut path, path_part)?;
             judge(&mut path.clone(), tail_part)?;
-            max = BatchMax { path: max.path.max(path_part.len()), tail: max.tail.max(tail_part.len()) };
         }
-        Ok(max)
+        Ok(())
     }
 
     fn broken(&self, cell: &Cell, setpoint: &Setpoint, violation: Violation) -> PlanError {
@@ -231,11 +218,6 @@ impl Plan {
     /// Sequence number of the last path setpoint; the first is 1.
     pub fn last_seq(&self) -> u32 {
         self.moves.last().map_or(0, |step| step.last_seq)
-    }
-
-    /// The greatest batch.
-    pub fn batch_max(&self) -> BatchMax {
-        self.batch_max
     }
 
     /// The move that a setpoint belongs to; the first setpoint, where the robot stands, to the first.

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use screed_kernel::units::JointPos;
 
 /// The widest gap (m) between consecutive segments that rounding in a file may leave.
-pub const GAP_MAX: f64 = 1e-5;
+pub const GAP_MAX: f64 = 5e-6;
 /// The widest gap as a share of the segment after it: closing it changes the speed there by no more than this.
 const GAP_SHARE_MAX: f64 = 1e-4;
 
@@ -156,15 +156,15 @@ mod tests {
 
     #[test]
     fn a_gap_from_rounding_is_closed_without_a_step_and_a_wide_one_is_refused() {
-        let gap = 8e-6;
+        let gap = 4e-6;
         let curves = Curves::new(&[line(0.0, 0.0, 1.0, 0.0), line(1.0, gap, 2.0, gap)]).unwrap();
         let (before, after) = (curves.point_at(1.0 - 1e-12).0, curves.point_at(1.0 + 1e-12).0);
         assert!((after - before).norm() < 1e-11);
         assert!((curves.point_at(2.0).0 - Point::new(2.0, gap, 0.0)).norm() < 1e-15);
-        // Closing it bends the path by 8 µrad: more than a tangent may break without a rest.
+        // Closing it bends the path by 4 µrad: more than a tangent may break without a rest.
         assert!(curves.stretches()[0].rest_after);
         let refused = Curves::new(&[line(0.0, 0.0, 1.0, 0.0), line(1.0, 2e-5, 2.0, 0.0)]).unwrap_err();
         assert!(refused.segment == 1 && (refused.gap - 2e-5).abs() < 1e-15);
-        assert!(Curves::new(&[line(0.0, 0.0, 1.0, 0.0), line(1.0, 8e-6, 1.01, 8e-6)]).is_err());
+        assert!(Curves::new(&[line(0.0, 0.0, 1.0, 0.0), line(1.0, 4e-6, 1.01, 4e-6)]).is_err());
     }
 }

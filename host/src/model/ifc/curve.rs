@@ -5,7 +5,7 @@
 //! where it is `.UNSPECIFIED.`. Angles are in the file's plane angle unit, a line's parameter counts its vector's magnitudes.
 //!
 //! **Gaps.** Consecutive segments may miss each other by the Precision of the representation context, in metres, but
-//! never by more than 1e-5 m, which the tool's path may not be off by; where the context gives no Precision, by 1e-6 m.
+//! never by more than 5e-6 m, half of what the tool's path may not be off by; where the context gives no Precision, by 1e-6 m.
 //! Precisions below 1e-9 m count as that, the rounding of the arithmetic. The same tolerance says how far a trimming
 //! point may lie off its curve.
 
@@ -52,7 +52,7 @@ pub struct Curves<'u, 'f> {
 impl<'u, 'f> Curves<'u, 'f> {
     /// A reader for the curves of `owner`, whose context has this precision (m).
     pub fn new(units: &'u Units<'f>, precision: Option<f64>, owner: &'u str) -> Self {
-        Self { units, gap_max: precision.unwrap_or(1e-6).clamp(1e-9, 1e-5), owner, count: 0 }
+        Self { units, gap_max: precision.unwrap_or(1e-6).clamp(1e-9, 5e-6), owner, count: 0 }
     }
 
     /// The curve's segments in order, each starting where the one before it ends.

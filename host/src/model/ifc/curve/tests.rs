@@ -172,7 +172,7 @@ fn a_gap_beyond_the_precision_is_refused_with_both_entities() {
     for (gap, precision, meets) in [
         ("0.0000009", None, true),
         ("0.0000011", None, false),
-        ("0.000009", Some(1e-5), true),
+        ("0.000004", Some(1e-5), true),
         ("0.000011", Some(1.0), false),
         ("0.00000002", Some(1e-8), false),
         ("0.0000000009", Some(0.0), true),
