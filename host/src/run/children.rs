@@ -3,7 +3,7 @@
 use std::ffi::OsStr;
 use std::io::{self, BufRead, BufReader, Read};
 use std::os::unix::process::CommandExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -135,16 +135,31 @@ pub fn screed<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Result
 /// As [`screed`].
 pub fn screed_rt() -> Result<Command, ChildError> {
     let beside = own_path()?.with_file_name("screed-rt");
-    let same_build = Command::new(&beside)
-        .arg("--version")
-        .output()
-        .is_ok_and(|output| String::from_utf8_lossy(&output.stdout).trim() == format!("screed-rt {VERSION}"));
-    if same_build {
+    if version_of(&beside).is_some_and(|version| version == format!("screed-rt {VERSION}")) {
         return Ok(Command::new(beside));
     }
     let mut command = screed(["rt"])?;
     command.arg0("screed-rt");
     Ok(command)
+}
+
+/// What a program says of its version; none when it cannot be started or has not ended within a second.
+fn version_of(program: &Path) -> Option<String> {
+    let mut command = Command::new(program);
+    command.arg("--version").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+    let mut child = command.spawn().ok()?;
+    let until = Instant::now() + Duration::from_secs(1);
+    while matches!(child.try_wait(), Ok(None)) {
+        if Instant::now() > until {
+            let _ = child.kill();
+            let _ = child.wait();
+            return None;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    let mut said = String::new();
+    child.stdout.take()?.read_to_string(&mut said).ok()?;
+    Some(said.trim().to_owned())
 }
 
 fn own_path() -> Result<PathBuf, ChildError> {
