@@ -164,7 +164,7 @@ impl<const N: usize> Arm<N> {
     }
 
     /// The rows of the table with the joints where they are.
-    fn links<'a>(&'a self, joints: &'a JointPos<N>) -> impl Iterator<Item = Dh> + 'a {
+    fn links<'a>(&'a self, joints: &'a JointPos<N>) -> impl DoubleEndedIterator<Item = Dh> + 'a {
         self.dh.iter().zip(&self.joints).zip(&joints.0).map(|((link, joint), own)| {
             let coupled = joint.coupling.and_then(|coupling| Some(coupling.factor * joints.0.get(coupling.joint)?));
             let variable = own + coupled.unwrap_or(0.0);
@@ -174,9 +174,39 @@ impl<const N: usize> Arm<N> {
             }
         })
     }
+
+    /// Points of the flange frame in the base frame (m): what [`Self::forward`] does with them, in fewer steps where no
+    /// rotation is asked for.
+    pub fn points<const P: usize>(
+        &self,
+        joints: &JointPos<N>,
+        points_in_flange: [Vector3<f64>; P],
+    ) -> [Vector3<f64>; P] {
+        let mut points = points_in_flange;
+        let outward = |pose: &Pose, points: &mut [_; P]| *points = points.map(|point| pose.transform_point(&point));
+        if let Some(last_from_flange) = &self.last_from_flange {
+            outward(last_from_flange, &mut points);
+        }
+        for link in self.links(joints).rev() {
+            let (sin, cos) = libm::sincos(link.theta);
+            points = points.map(|point| link.point(sin, cos, &point));
+        }
+        if let Some(base_from_zero) = &self.base_from_zero {
+            outward(base_from_zero, &mut points);
+        }
+        points
+    }
 }
 
 impl Dh {
+    /// A point of this row's frame in the frame before it: turned by α and shifted along x, then turned by θ and shifted
+    /// along z.
+    fn point(&self, sin: f64, cos: f64, point: &Vector3<f64>) -> Vector3<f64> {
+        let (sa, ca) = (self.sin_alpha, self.cos_alpha);
+        let (x, y, z) = (point.x + self.a, ca * point.y - sa * point.z, sa * point.y + ca * point.z);
+        Vector3::new(cos * x - sin * y, sin * x + cos * y, z + self.d)
+    }
+
     /// The frame after this link, given the one before it.
     fn after(&self, base_from_link: &Pose) -> Pose {
         let (s, c) = libm::sincos(self.theta);
@@ -190,5 +220,84 @@ impl Dh {
             rotation: Matrix3::from_columns(&[x, y, z]),
             translation: base_from_link.translation + z0 * self.d + x * self.a,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An arm without any right angle or zero, so that every term counts; its second joint slides, its last is coupled.
+    fn crooked<const N: usize>() -> Arm<N> {
+        let row = |k: usize| {
+            let (sin_alpha, cos_alpha) = libm::sincos(0.3 + k as f64);
+            Dh { theta: 0.2 - k as f64, d: 0.1 + 0.2 * k as f64, a: 0.4 - 0.1 * k as f64, sin_alpha, cos_alpha }
+        };
+        let mut joints = [Joint::REVOLUTE; N];
+        joints[1] = Joint::PRISMATIC;
+        joints[N - 1].coupling = Some(Coupling { joint: 1, factor: -0.7 });
+        let shifted = |x, roll| Some(Pose::from_roll_pitch_yaw(Vector3::new(x, -0.3, 0.2), roll, 0.5, -0.6));
+        Arm {
+            name: "crooked",
+            base_from_zero: shifted(0.5, 0.4),
+            dh: core::array::from_fn(row),
+            joints,
+            last_from_flange: shifted(-0.1, 1.4),
+            position_min: JointPos([-3.0; N]),
+            position_max: JointPos([3.0; N]),
+            velocity_max: Rating::Unknown,
+            acceleration_max: Rating::Unknown,
+        }
+    }
+
+    fn joints<const N: usize>(k: usize) -> JointPos<N> {
+        JointPos(core::array::from_fn(|j| libm::sin((k * N + j) as f64) * 3.0))
+    }
+
+    fn points_are_those_of_the_pose<const N: usize>() {
+        let arm = crooked::<N>();
+        for joints in (0..100).map(joints) {
+            let pose = arm.forward(&joints);
+            let points = [Vector3::zeros(), Vector3::new(0.1, -0.2, 0.3)];
+            for (point, found) in points.iter().zip(arm.points(&joints, points)) {
+                assert!((pose.transform_point(point) - found).norm() < 1e-14 * N as f64);
+            }
+        }
+    }
+
+    fn columns_are_differences_of_poses<const N: usize>() {
+        let arm = crooked::<N>();
+        for joints in (0..100).map(joints) {
+            let (pose, jacobian) = arm.jacobian(&joints);
+            assert_eq!(pose, arm.forward(&joints));
+            assert_eq!(pose, arm.frames(&joints)[N - 1] * arm.last_from_flange.unwrap());
+            for joint in 0..N {
+                let beside = |shift: f64| {
+                    let mut joints = joints;
+                    joints.0[joint] += shift;
+                    arm.forward(&joints)
+                };
+                let (below, above) = (beside(-1e-5), beside(1e-5));
+                let turned = Pose { rotation: above.rotation * below.rotation.transpose(), ..above };
+                let linear = (above.translation - below.translation) / 2e-5;
+                let angular = turned.rotation_vector() / 2e-5;
+                assert!((jacobian.fixed_view::<3, 1>(0, joint) - linear).norm() < 1e-8);
+                assert!((jacobian.fixed_view::<3, 1>(3, joint) - angular).norm() < 1e-8);
+            }
+        }
+    }
+
+    #[test]
+    fn the_jacobian_is_what_small_moves_do() {
+        columns_are_differences_of_poses::<3>();
+        columns_are_differences_of_poses::<6>();
+        columns_are_differences_of_poses::<9>();
+    }
+
+    #[test]
+    fn points_of_the_flange_are_where_its_pose_takes_them() {
+        points_are_those_of_the_pose::<3>();
+        points_are_those_of_the_pose::<6>();
+        points_are_those_of_the_pose::<9>();
     }
 }

@@ -87,6 +87,16 @@ macro_rules! kernel_roots {
                 (MotionLimits::from(&least), least)
             }
 
+            /// [`Arm::points`]
+            #[unsafe(export_name = concat!("root_points_", $joints))]
+            pub fn points(
+                arm: &Arm<$joints>,
+                joints: &JointPos<$joints>,
+                points: [Vector3<f64>; 2],
+            ) -> [Vector3<f64>; 2] {
+                arm.points(joints, points)
+            }
+
             /// [`Arm::forward`]
             #[unsafe(export_name = concat!("root_forward_", $joints))]
             pub fn forward(arm: &Arm<$joints>, joints: &JointPos<$joints>) -> Pose {

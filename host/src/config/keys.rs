@@ -76,6 +76,7 @@ pub(super) const JOINT_VELOCITY: Number = number("joint_velocity_max_deg_s", DEG
 pub(super) const JOINT_ACCELERATION: Number = number("joint_acceleration_max_deg_s2", DEG_S2, 1.0, 10_000.0);
 pub(super) const JOINT_JERK: Number = number("joint_jerk_max_deg_s3", DEG_S3, 1.0, 1_000_000.0);
 pub(super) const FOLLOWING_ERROR: Number = number("following_error_max_deg", DEG, 0.01, 30.0);
+pub(super) const DEVIATION: Number = number("deviation_max_deg", DEG, 0.01, 30.0);
 pub(super) const XYZ: Number = number("xyz_mm", MM, -100_000.0, 100_000.0);
 pub(super) const BOUNDS: [Number; 6] = [
     number("x_min_mm", MM, -100_000.0, 100_000.0),
@@ -106,6 +107,7 @@ pub(super) const ALL: &[&Number] = &[
     &JOINT_ACCELERATION,
     &JOINT_JERK,
     &FOLLOWING_ERROR,
+    &DEVIATION,
     &XYZ,
     &BOUNDS[0],
     &BOUNDS[1],
@@ -118,6 +120,7 @@ pub(super) const ALL: &[&Number] = &[
     &ACCELERATION,
     &JERK,
     &LIFT,
+    &SETTLE,
     &JOINT_SHARE,
     &TIMEOUT,
     &WATCHDOG,

@@ -61,6 +61,7 @@ fn robot(document: &mut Document<'_>) -> Option<Robot> {
     let acceleration = section.numbers(&keys::JOINT_ACCELERATION);
     let jerk = section.numbers(&keys::JOINT_JERK);
     let following_error_max = section.number(&keys::FOLLOWING_ERROR);
+    let deviation_max = section.number_if_given(&keys::DEVIATION);
     section.finish();
     let arm = arm?;
     Some(Robot {
@@ -72,6 +73,8 @@ fn robot(document: &mut Document<'_>) -> Option<Robot> {
         joint_acceleration_max: JointAcc(acceleration?),
         joint_jerk_max: JointJerk(jerk?),
         following_error_max: following_error_max?,
+        // An estimate lags as the robot's own word does.
+        deviation_max: deviation_max?.or(following_error_max)?,
     })
 }
 

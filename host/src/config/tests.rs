@@ -288,6 +288,21 @@ fn a_workspace_is_planes_in_the_base_frame_and_may_be_left_out() {
 }
 
 #[test]
+fn the_deviation_is_a_key_of_its_own_and_by_default_that_of_the_following_error() {
+    let following = "following_error_max_deg = 8";
+    let configured = |text: &str| {
+        let robot = parse("cell.toml", text).unwrap().configure();
+        [robot.following_error_max, robot.deviation_max].map(f64::to_degrees)
+    };
+    let near = |[a, b]: [f64; 2], [c, d]: [f64; 2]| assert!((a - c).abs() < 1e-12 && (b - d).abs() < 1e-12, "{a} {b}");
+    near(configured(DEMO), [8.0, 8.0]);
+    near(configured(&DEMO.replace(following, &format!("{following}\ndeviation_max_deg = 0.5"))), [8.0, 0.5]);
+    let [wrong] = findings(following, &format!("{following}\ndeviation_max_deg = 0")).try_into().unwrap();
+    let expected = "deviation_max_deg: expected a number from 0.01 to 30 (degrees), found 0";
+    assert_eq!(wrong.fault.to_string(), expected);
+}
+
+#[test]
 fn the_manual_lists_every_key_with_its_range() {
     let manual = include_str!("../../../docs/cell.md");
     for key in keys::ALL {

@@ -7,7 +7,8 @@ pub mod program;
 use screed_kernel::arm::{Arm, Dh, Joint, Rating};
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::frame::{
-    self, BatchPart, Configure, FromKernel, JointValues, ModeCode, MotionLimits, Reader, Refusal, Status, ToKernel,
+    self, BatchPart, Configure, FaultReport, FromKernel, JointValues, ModeCode, MotionLimits, Reader, Refusal, Status,
+    ToKernel,
 };
 use screed_kernel::guard::{Motion, Periods, output_least};
 use screed_kernel::setpoint::{Coder, Setpoint, joint_on_grid};
@@ -87,6 +88,8 @@ pub struct Bench<const CAP: usize> {
     pub kernel: Box<Kernel<2, CAP>>,
     pub reader: Reader,
     pub answers: Vec<FromKernel>,
+    /// Every fault as it was told.
+    pub faults: Vec<FaultReport>,
     pub sensors: Sensors<2>,
     pub now: Nanos,
     pub tick_ns: u64,
@@ -101,6 +104,7 @@ impl<const CAP: usize> Bench<CAP> {
             kernel: Box::new(Kernel::new(&ARM)),
             reader: Reader::new(),
             answers: Vec::new(),
+            faults: Vec::new(),
             sensors: Sensors::robot(at, true),
             now: Nanos(0),
             tick_ns: configure.tick_period_ns,
@@ -133,7 +137,10 @@ impl<const CAP: usize> Bench<CAP> {
         let used = self.kernel.poll_transmit(&mut out);
         for &byte in &out[..used] {
             if let Some(message) = self.reader.push(byte) {
-                self.answers.push(frame::decode(message.unwrap()).unwrap());
+                match frame::decode(message.unwrap()).unwrap() {
+                    FromKernel::Fault(report) => self.faults.push(report),
+                    answer => self.answers.push(answer),
+                }
             }
         }
     }
