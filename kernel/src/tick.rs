@@ -230,14 +230,22 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     /// Looks at the robot: is it where it should be, does it still take commands.
     fn observe(&mut self, sensors: &Sensors<N>) {
         let Some(config) = &self.config else { return };
+        let (following, deviation) = (config.following_error_max, config.deviation_max);
+        let far = farthest(&sensors.actual, &self.output);
+        // Someone may move it now, or it stands by itself: what was sent last is no place to go back to.
+        self.known &= match self.mode {
+            Mode::Faulted { .. } => sensors.ready,
+            Mode::Stopping { cause: StopCause::Fault(_) } => {
+                sensors.ready || (sensors.actual.is_finite() && !exceeds(far.1, following))
+            }
+            _ => true,
+        };
         let not_finite = |joints: &JointPos<N>| joints.0.iter().position(|q| !q.is_finite());
         let not_finite = not_finite(&sensors.actual).or_else(|| sensors.estimate.as_ref().and_then(not_finite));
         if let Some(joint) = not_finite {
             self.change(Event::Fault(Fault::Sensor { joint: joint as u8 }));
             return;
         }
-        let (following, deviation) = (config.following_error_max, config.deviation_max);
-        let far = farthest(&sensors.actual, &self.output);
         let estimated = sensors.estimate.map(|estimate| farthest(&estimate, &self.output));
         match self.mode {
             Mode::Unready if sensors.ready => {
@@ -262,9 +270,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
                     self.change(Event::Fault(Fault::Deviation { joint, value, limit: deviation }));
                 }
             }
-            // Someone may move it now: what was sent last is no place to go back to.
-            Mode::Faulted { .. } => self.known &= sensors.ready,
-            Mode::Unready => {}
+            Mode::Unready | Mode::Faulted { .. } => {}
         }
     }
 

@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::correction::CorrectionLimits;
+use screed_kernel::dexterity::Dexterity;
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
 use screed_kernel::guard::{Motion, Periods, output_least};
@@ -101,6 +102,13 @@ macro_rules! kernel_roots {
             #[unsafe(export_name = concat!("root_forward_", $joints))]
             pub fn forward(arm: &Arm<$joints>, joints: &JointPos<$joints>) -> Pose {
                 arm.forward(joints)
+            }
+
+            /// [`Dexterity::of`]
+            #[unsafe(export_name = concat!("root_dexterity_", $joints))]
+            pub fn dexterity(jacobian: &Jacobian<$joints>) -> (Dexterity, f64) {
+                let dexterity = Dexterity::of(jacobian);
+                (dexterity, dexterity.condition())
             }
 
             /// [`Arm::frames`] and [`Arm::jacobian`]

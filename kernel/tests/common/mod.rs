@@ -2,7 +2,9 @@
 #![allow(dead_code)] // Each test takes what it needs.
 
 pub mod fuzz;
+pub mod inverse;
 pub mod program;
+pub mod wrist;
 
 use screed_kernel::arm::{Arm, Dh, Joint, Rating};
 use screed_kernel::correction::CorrectionLimits;
