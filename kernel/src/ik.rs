@@ -3,6 +3,8 @@
 //! An [`Answer`] says which [`Branch`] it is on and how far from each singularity; an answer close to one is still an answer.
 //! Errors are for poses to which none can be given.
 
+pub mod calibrated;
+pub mod numeric;
 pub mod ur;
 
 use crate::arm::{Arm, JointKind};
