@@ -474,5 +474,5 @@ pub fn programs(seeds: std::ops::Range<u64>) {
     println!("batches taken {}, refused {}; operations {:?}", ran[0], ran[1], &ran[2..]);
     assert!(ran.iter().all(|count| *count > 0), "the programs missed something: {ran:?}");
     // The limits are met, not only kept: a smaller sum would not do.
-    assert!(used[0] > 0.95 && used[1] > 0.7 && used[2] > 0.5, "{used:?}");
+    assert!(used[0] > 0.95 && used[1] > 0.8 && used[2] > 0.65, "{used:?}");
 }
