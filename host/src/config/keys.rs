@@ -148,6 +148,6 @@ mod tests {
         assert_eq!(MM_S3.si(10_000.0), 10.0);
         assert_eq!(MM3_S.si(21_600.0), 2.16e-5);
         assert_eq!(MS.si(500.0), 0.5);
-        assert_eq!(DEG_S.si(120.0), screed_kernel::arms::ur::UR10E.velocity_max.0[0]);
+        assert_eq!(Some(DEG_S.si(120.0)), screed_kernel::arms::ur::UR10E.velocity_max.known().map(|rated| rated.0[0]));
     }
 }

@@ -55,7 +55,7 @@ fn robot(document: &mut Document<'_>) -> Option<Robot> {
     let arm = arm(&mut section);
     let simulated = section.boolean("simulated");
     let start = section.numbers(&keys::START);
-    let data_sheet = arm.map_or(UR10E.velocity_max, |arm| arm.velocity_max);
+    let data_sheet = arm.unwrap_or(UR10E).velocity_max.known().unwrap_or(JointVel([f64::INFINITY; 6]));
     let velocity = section.numbers_or(&keys::JOINT_VELOCITY, data_sheet.0);
     let velocity = velocity.and_then(|velocity| within_data_sheet(&mut section, velocity, &data_sheet));
     let acceleration = section.numbers(&keys::JOINT_ACCELERATION);

@@ -35,7 +35,7 @@ fn the_demo_cell_is_read_in_si() {
     let cell = Cell::demo(500).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(cell.name, "demo");
     assert_eq!(cell.robot.arm, screed_kernel::arms::ur::UR10E);
-    assert_eq!(cell.robot.joint_velocity_max, screed_kernel::arms::ur::UR10E.velocity_max);
+    assert_eq!(Some(cell.robot.joint_velocity_max), screed_kernel::arms::ur::UR10E.velocity_max.known());
     assert_eq!(cell.robot.start.0[1], -std::f64::consts::FRAC_PI_2);
     assert_eq!(cell.tool.flange_from_tcp, Pose::from_translation(0.0, 0.0, 0.2));
     let x_axis_of_part = cell.part.base_from_part.rotation.column(0).into_owned();

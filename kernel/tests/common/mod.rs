@@ -5,7 +5,7 @@ pub mod fuzz;
 pub mod motion;
 pub mod program;
 
-use screed_kernel::arm::{Arm, Dh};
+use screed_kernel::arm::{Arm, Dh, Joint, Rating};
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::frame::{
     self, BatchPart, Configure, FaultReport, FromKernel, JointValues, ModeCode, MotionLimits, Reader, Refusal, Status,
@@ -38,15 +38,19 @@ impl Random {
     }
 }
 
-const LINK: Dh = Dh { d: 0.0, a: 0.5, sin_alpha: 0.0, cos_alpha: 1.0 };
+const LINK: Dh = Dh { theta: 0.0, d: 0.0, a: 0.5, sin_alpha: 0.0, cos_alpha: 1.0 };
 
 /// Two links of half a metre in a plane.
 pub const ARM: Arm<2> = Arm {
     name: "planar",
+    base_from_zero: None,
     dh: [LINK, LINK],
+    joints: [Joint::REVOLUTE; 2],
+    last_from_flange: None,
     position_min: JointPos([-3.0; 2]),
     position_max: JointPos([3.0; 2]),
-    velocity_max: JointVel([3.0; 2]),
+    velocity_max: Rating::Known(JointVel([3.0; 2])),
+    acceleration_max: Rating::Unknown,
 };
 
 /// The same value for every joint.
