@@ -4,7 +4,7 @@ mod common;
 
 use common::Random;
 use nalgebra::Vector3;
-use screed_kernel::arm::{Arm, Dh};
+use screed_kernel::arm::{Arm, Coupling, Dh, Joint, Rating};
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::frame::{
     self, BatchPart, CODE_MAX, Configure, FromKernel, JOINTS_MAX, ModeCode, MotionLimits, Reader, Refusal, ToKernel,
@@ -51,16 +51,26 @@ fn configure<const N: usize>(sample_ns: u64, tick_ns: u64) -> Configure {
 }
 
 impl<const N: usize> Bench<N> {
-    /// Joint axes in turn along z and across, each a tenth of a metre further.
+    /// Joint axes in turn along z and across, each a tenth of a metre further; the second joint slides, the third is coupled to
+    /// the first, and the last turns without end.
     fn new() -> Self {
-        let dh = Dh { d: 0.1, a: 0.05, sin_alpha: 1.0, cos_alpha: 0.0 };
-        let arm = Arm {
+        let dh = Dh { theta: 0.0, d: 0.1, a: 0.05, sin_alpha: 1.0, cos_alpha: 0.0 };
+        let mut joints = [Joint::REVOLUTE; N];
+        joints[1] = Joint::PRISMATIC;
+        joints[2].coupling = Some(Coupling { joint: 0, factor: -1.0 });
+        let mut arm = Arm {
             name: "chain",
+            base_from_zero: None,
             dh: [dh; N],
+            joints,
+            last_from_flange: None,
             position_min: JointPos([-3.0; N]),
             position_max: JointPos([3.0; N]),
-            velocity_max: JointVel([3.0; N]),
+            velocity_max: Rating::Known(JointVel([3.0; N])),
+            acceleration_max: Rating::Unknown,
         };
+        arm.position_min.0[N - 1] = f64::NEG_INFINITY;
+        arm.position_max.0[N - 1] = f64::INFINITY;
         let sensors = Sensors::robot(JointPos([0.0; N]), true);
         Self { kernel: Box::new(Kernel::new(&arm)), arm, sensors, answers: vec![], reader: Reader::new(), now: 0 }
     }
@@ -185,6 +195,16 @@ fn refuses<const N: usize>() {
     let mut long = good.clone();
     if long.plan.velocity_max.push(1.0).is_ok() {
         assert_eq!(bench.say(&ToKernel::Configure(long)), unsound);
+    }
+    // A joint may turn without end; a configuration still says how far it does.
+    for end in [f64::INFINITY, f64::NAN] {
+        let unsound = Some(Refusal::Configuration(Unsound::Positions));
+        let mut endless = good.clone();
+        endless.position_max[N - 1] = end;
+        assert_eq!(bench.say(&ToKernel::Configure(endless)), unsound);
+        let mut endless = good.clone();
+        endless.position_min[N - 1] = -end;
+        assert_eq!(bench.say(&ToKernel::Configure(endless)), unsound);
     }
     let mut tight = good.clone();
     tight.output.velocity_max[N - 1] *= 0.99;
