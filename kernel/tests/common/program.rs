@@ -305,7 +305,11 @@ impl Program {
                 15 => self.flutter(),
                 16 => self.say(&ToKernel::Configure(self.configure.clone())),
                 17 => self.nonsense(),
-                18 => self.bench.kernel.host_changed(),
+                18 => {
+                    // What waits is not for the next host: a fault told then is in its first status.
+                    self.bench.listen();
+                    self.bench.kernel.host_changed();
+                }
                 19 if self.random.below(4) == 0 => self.lose_robot(),
                 20 => self.say(&ToKernel::Hello),
                 _ => {}
