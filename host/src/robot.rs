@@ -1,30 +1,30 @@
-//! Robots: the catalogue, and arms that a person describes.
+//! Robots: the catalogue, the calibration of a unit, and arms that a person describes.
 
-use crate::failure::{Exit, Failure};
+pub mod calibration;
+pub mod chain;
+pub mod description;
+mod error;
+pub mod sample;
+
+pub use description::Description;
+pub use error::RobotError;
+
 use screed_kernel::arm::Arm;
 use screed_kernel::arms::ur;
-
-/// No robot of that name.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("there is no robot {name:?}; use one of {}", known.join(", "))]
-pub struct UnknownRobot {
-    /// As asked for.
-    pub name: String,
-    /// What there is.
-    pub known: Vec<&'static str>,
-}
-
-impl From<UnknownRobot> for Failure {
-    fn from(error: UnknownRobot) -> Self {
-        Self::told(Exit::Input, error.to_string())
-    }
-}
+use std::path::Path;
 
 /// The UR arm of that name.
 ///
 /// # Errors
-/// [`UnknownRobot`].
-pub fn ur(name: &str) -> Result<Arm<6>, UnknownRobot> {
+/// [`RobotError::Unknown`].
+pub fn ur(name: &str) -> Result<Arm<6>, RobotError> {
     let found = ur::ALL.into_iter().find(|arm| arm.name == name);
-    found.ok_or_else(|| UnknownRobot { name: name.to_owned(), known: ur::ALL.iter().map(|arm| arm.name).collect() })
+    found.ok_or_else(|| RobotError::Unknown {
+        name: name.to_owned(),
+        known: ur::ALL.iter().map(|arm| arm.name).collect(),
+    })
+}
+
+fn read(path: &Path) -> Result<String, RobotError> {
+    std::fs::read_to_string(path).map_err(|source| RobotError::Read { file: path.to_owned(), source })
 }
