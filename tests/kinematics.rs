@@ -133,14 +133,14 @@ fn the_inverse_leads_back_to_the_pose_and_to_the_seed() {
         let seed = JointPos(std::array::from_fn(|_| random.between(-PI, PI)));
         let pose = UR10E.forward(&seed);
         let branches = ur::inverse(&UR10E, &pose, &seed).unwrap();
-        for joints in branches.as_slice() {
-            let back = UR10E.forward(joints);
+        for answer in branches.as_slice() {
+            let back = UR10E.forward(&answer.joints);
             assert!((back.translation - pose.translation).norm() < 1e-11, "{seed:?}");
             assert!((back.rotation - pose.rotation).norm() < 1e-11, "{seed:?}");
         }
         // Near a singularity the joints are worse determined than the pose; the pose is what is asked for.
         let nearest = ur::nearest(&UR10E, &pose, &seed).unwrap();
-        let far = nearest.0.iter().zip(&seed.0).fold(0.0, |far: f64, (a, b)| far.max((a - b).abs()));
+        let far = nearest.joints.0.iter().zip(&seed.0).fold(0.0, |far: f64, (a, b)| far.max((a - b).abs()));
         assert!(far < 1e-6, "{seed:?}: {far:e}");
     }
 }

@@ -14,7 +14,7 @@ use screed_kernel::dexterity::Dexterity;
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
 use screed_kernel::guard::{Motion, Periods, output_least};
-use screed_kernel::ik::{self, Branches, IkError};
+use screed_kernel::ik::{self, Answer, Branches, IkError};
 use screed_kernel::pose::Pose;
 use screed_kernel::setpoint::{self, CodeError, Coder, Setpoint};
 use screed_kernel::tick::{Command, Kernel, Sensors};
@@ -154,7 +154,7 @@ pub fn root_inverse(arm: &Arm<6>, pose: &Pose, seed: &JointPos<6>) -> Result<Bra
 
 /// [`ik::ur::nearest`]
 #[unsafe(no_mangle)]
-pub fn root_nearest(arm: Option<&Arm<6>>, pose: &Pose, seed: &JointPos<6>) -> Result<JointPos<6>, IkError> {
+pub fn root_nearest(arm: Option<&Arm<6>>, pose: &Pose, seed: &JointPos<6>) -> Result<Answer<6>, IkError> {
     ik::ur::nearest(arm.unwrap_or(&UR10E), pose, seed)
 }
 

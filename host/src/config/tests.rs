@@ -336,7 +336,7 @@ fn joints_at(cell: &Cell, point_in_part: Vector3<f64>, seed: &JointPos<6>) -> Jo
     let part_from_tcp = Pose { rotation: down, translation: point_in_part };
     let base_from_flange = cell.part.base_from_part * part_from_tcp * cell.tool.flange_from_tcp.inverse();
     let joints = ur::nearest(&cell.robot.arm, &base_from_flange, seed);
-    let joints = joints.unwrap_or_else(|error| panic!("{point_in_part:?}: {error:?}"));
+    let joints = joints.unwrap_or_else(|error| panic!("{point_in_part:?}: {error:?}")).joints;
     let reached = cell.robot.arm.forward(&joints);
     assert!((reached.translation - base_from_flange.translation).norm() < 1e-9);
     assert!((reached.rotation - base_from_flange.rotation).norm() < 1e-9);

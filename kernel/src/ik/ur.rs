@@ -4,11 +4,11 @@
 //! Universal Robots UR-5/UR-10 Arms" (Georgia Tech, 2013). With n = (sin θ₁, −cos θ₁, 0), the common axis of joints 2 to 4,
 //! and X, Y, Z the flange axes: n·Z = cos θ₅, n·X = sin θ₅ cos θ₆, n·Y = −sin θ₅ sin θ₆.
 
-use super::{Branches, IkError};
+use super::{Answer, Branches, IkError, Missed, check, distance, turn_between, turned};
 use crate::arm::Arm;
 use crate::pose::Pose;
 use crate::units::JointPos;
-use core::f64::consts::{FRAC_PI_2, PI};
+use core::f64::consts::FRAC_PI_2;
 use nalgebra::Vector3;
 
 /// Lengths (m) within which rounding, not geometry, decides that a pose is out of reach.
@@ -22,32 +22,29 @@ const WRIST_SINGULAR: f64 = 1e-12;
 /// # Errors
 /// [`IkError`] when the pose is not finite, out of reach, or only reached beyond the joint limits.
 pub fn inverse(arm: &Arm<6>, base_from_flange: &Pose, seed: &JointPos<6>) -> Result<Branches<6>, IkError> {
-    if !base_from_flange.is_finite() || !seed.is_finite() {
-        return Err(IkError::NotFinite);
-    }
+    check(base_from_flange, seed)?;
     let mut found = Branches::empty();
-    let mut missed = f64::INFINITY;
-    let mut limit = None;
+    let mut missed = Missed::nothing();
     let shoulder = shoulder(arm, base_from_flange)?;
     for (theta1, wrist) in shoulder.iter().flat_map(|&theta1| [(theta1, 1.0), (theta1, -1.0)]) {
         let forearm = Forearm::new(base_from_flange, seed, theta1, wrist);
         match forearm.elbows(arm, base_from_flange) {
             Ok(elbows) => {
                 for theta3 in elbows.bends {
-                    match within_limits(arm, &forearm.joints(arm, &elbows, theta3), seed) {
-                        Ok(joints) => found.push(joints),
-                        Err(beyond) => limit = limit.or(Some(beyond)),
+                    match turned(arm, &forearm.joints(arm, &elbows, theta3), seed) {
+                        Ok(joints) => found.push(answer(joints)),
+                        Err(beyond) => missed.limit(beyond),
                     }
                 }
             }
-            Err(by) => missed = missed.min(by),
+            Err(by) => missed.reach(by),
         }
     }
-    match (found.as_slice().is_empty(), limit) {
-        (false, _) => Ok(found),
-        (true, Some((joint, position))) => Err(IkError::Limit { joint, position }),
-        (true, None) => Err(IkError::OutOfReach { by: missed }),
-    }
+    if found.as_slice().is_empty() { Err(missed.error()) } else { Ok(found) }
+}
+
+const fn answer(joints: JointPos<6>) -> Answer<6> {
+    Answer { joints, branch: None, margins: None, free: None }
 }
 
 /// The branch nearest to `seed`, by the largest joint difference. Branches that one joint alone puts farther away than the
@@ -55,10 +52,8 @@ pub fn inverse(arm: &Arm<6>, base_from_flange: &Pose, seed: &JointPos<6>) -> Res
 ///
 /// # Errors
 /// As [`inverse`].
-pub fn nearest(arm: &Arm<6>, base_from_flange: &Pose, seed: &JointPos<6>) -> Result<JointPos<6>, IkError> {
-    if !base_from_flange.is_finite() || !seed.is_finite() {
-        return Err(IkError::NotFinite);
-    }
+pub fn nearest(arm: &Arm<6>, base_from_flange: &Pose, seed: &JointPos<6>) -> Result<Answer<6>, IkError> {
+    check(base_from_flange, seed)?;
     let mut best = (f64::INFINITY, *seed);
     let [mut near, mut far] = shoulder(arm, base_from_flange)?;
     if turn_between(far, seed.0[0]) < turn_between(near, seed.0[0]) {
@@ -78,9 +73,8 @@ pub fn nearest(arm: &Arm<6>, base_from_flange: &Pose, seed: &JointPos<6>) -> Res
             if turn_between(theta3, seed.0[2]) >= best.0 {
                 continue;
             }
-            if let Ok(joints) = within_limits(arm, &forearm.joints(arm, &elbows, theta3), seed) {
-                let pairs = joints.0.iter().zip(&seed.0);
-                let distance = pairs.fold(0.0, |far: f64, (a, b)| far.max(libm::fabs(a - b)));
+            if let Ok(joints) = turned(arm, &forearm.joints(arm, &elbows, theta3), seed) {
+                let distance = distance(&joints, seed);
                 if distance < best.0 {
                     best = (distance, joints);
                 }
@@ -88,16 +82,10 @@ pub fn nearest(arm: &Arm<6>, base_from_flange: &Pose, seed: &JointPos<6>) -> Res
         }
     }
     if best.0.is_finite() {
-        return Ok(best.1);
+        return Ok(answer(best.1));
     }
     // Only to say why: every branch was tried.
-    inverse(arm, base_from_flange, seed).map(|_| best.1)
-}
-
-/// The least angle between two directions, in [0, π]; no full turns make joints differ by less.
-fn turn_between(a: f64, b: f64) -> f64 {
-    let difference = a - b;
-    libm::fabs(difference - 2.0 * PI * libm::round(difference / (2.0 * PI)))
+    inverse(arm, base_from_flange, seed).map(|_| answer(best.1))
 }
 
 /// θ₁: frame 5's origin keeps the distance d₄ from the plane of the upper arm.
@@ -177,22 +165,11 @@ impl Forearm {
     }
 }
 
-/// Turns each joint by full turns to lie nearest to the seed and inside the limits, or names the joint that cannot.
-fn within_limits(arm: &Arm<6>, joints: &JointPos<6>, seed: &JointPos<6>) -> Result<JointPos<6>, (usize, f64)> {
-    let mut turned = *joints;
-    for (joint, position) in turned.0.iter_mut().enumerate() {
-        let (low, high) = (arm.position_min.0[joint], arm.position_max.0[joint]);
-        let nearest = *position + 2.0 * PI * libm::round((seed.0[joint] - *position) / (2.0 * PI));
-        let inside = [nearest, nearest - 2.0 * PI, nearest + 2.0 * PI].into_iter().find(|p| (low..=high).contains(p));
-        *position = inside.ok_or((joint, nearest))?;
-    }
-    Ok(turned)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::arms::ur::UR10E;
+    use core::f64::consts::PI;
 
     /// splitmix64, as a number in [-π, π].
     fn angle(state: &mut u64) -> f64 {
@@ -218,8 +195,8 @@ mod tests {
             let nearest = nearest(&UR10E, &pose, &seed).unwrap();
             let all = inverse(&UR10E, &pose, &seed).unwrap();
             assert!(all.as_slice().contains(&nearest), "seed {seed:?}");
-            let least = all.as_slice().iter().map(distance).fold(f64::INFINITY, f64::min);
-            assert_eq!(distance(&nearest), least, "seed {seed:?}");
+            let least = all.as_slice().iter().map(|answer| distance(&answer.joints)).fold(f64::INFINITY, f64::min);
+            assert_eq!(distance(&nearest.joints), least, "seed {seed:?}");
         }
     }
 }
