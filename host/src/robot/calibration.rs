@@ -196,10 +196,10 @@ fn kinematics(text: &str, nominal: &Arm<6>) -> Result<Arm<6>, Located> {
     let chain = Chain { steps: steps.collect(), last_from_flange: Pose::identity() };
     let table = chain.table(nominal.name, "");
     let arm = table.arm::<6>(nominal.name).ok_or((0..0, CalibrationFault::Table { error: f64::NAN }))?;
-    let mut random = Random::new(2);
-    let forward = |joints: &[f64]| arm.forward(&JointPos(std::array::from_fn(|joint| joints[joint])));
-    let error = chain.table_error(forward, (0..100).map(|_| random.joints(nominal).to_vec()));
-    if error <= TABLE_ERROR_MAX { Ok(arm) } else { Err((0..0, CalibrationFault::Table { error })) }
+    match super::table_error(&table, &chain) {
+        error if error <= TABLE_ERROR_MAX => Ok(arm),
+        error => Err((0..0, CalibrationFault::Table { error })),
+    }
 }
 
 /// Rx(roll)·Ry(pitch)·Rz(yaw): `ur_calibration` writes Eigen's `eulerAngles(0, 1, 2)`.

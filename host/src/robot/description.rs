@@ -1,5 +1,6 @@
 //! An arm whose number of joints is known at run time only.
 
+use nalgebra::{Matrix3, Vector3};
 use screed_kernel::arm::{Arm, Dh, Joint, JointKind, Rating};
 use screed_kernel::pose::Pose;
 use screed_kernel::units::{JointAcc, JointPos, JointVel};
@@ -72,6 +73,24 @@ impl Description {
             last_from_flange: arm.last_from_flange,
             notes: Vec::new(),
         }
+    }
+
+    /// The flange in the base frame; not a number when there are not as many positions (rad, m) as joints, or not 3 to 9.
+    pub fn forward(&self, joints: &[f64]) -> Pose {
+        fn of<const N: usize>(description: &Description, joints: &[f64]) -> Option<Pose> {
+            Some(description.arm::<N>("")?.forward(&JointPos(joints.try_into().ok()?)))
+        }
+        let pose = match self.links.len() {
+            3 => of::<3>(self, joints),
+            4 => of::<4>(self, joints),
+            5 => of::<5>(self, joints),
+            6 => of::<6>(self, joints),
+            7 => of::<7>(self, joints),
+            8 => of::<8>(self, joints),
+            9 => of::<9>(self, joints),
+            _ => None,
+        };
+        pose.unwrap_or(Pose { rotation: Matrix3::from_element(f64::NAN), translation: Vector3::from_element(f64::NAN) })
     }
 
     /// The arm with N joints, when it has as many; `name` is what the kernel calls it. A rating is known when it is of every

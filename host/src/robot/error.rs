@@ -1,6 +1,7 @@
 //! What can be wrong with a robot.
 
 use super::calibration::CalibrationFault;
+use super::urdf::UrdfFault;
 use crate::failure::{Excerpt, Exit, Failure, Problem};
 use std::path::PathBuf;
 
@@ -31,6 +32,14 @@ pub enum RobotError {
         /// What.
         fault: CalibrationFault,
     },
+    /// The URDF has no chain that the kernel can have.
+    #[error("{}:{}:{}: {fault}", place.file, place.line, place.column)]
+    Urdf {
+        /// Where.
+        place: Box<Excerpt>,
+        /// What.
+        fault: UrdfFault,
+    },
 }
 
 impl RobotError {
@@ -45,6 +54,7 @@ impl RobotError {
                 CalibrationFault::Status { .. } => "have the unit calibrated, or leave the calibration out",
                 _ => "docs/robots.md shows both kinds of file",
             },
+            Self::Urdf { fault, .. } => fault.remedy(),
         }
     }
 }
@@ -54,6 +64,7 @@ impl From<RobotError> for Failure {
         let remedy = Some(error.remedy().to_owned());
         let (message, excerpt) = match error {
             RobotError::Calibration { place, fault } => (fault.to_string(), Some(*place)),
+            RobotError::Urdf { place, fault } => (fault.to_string(), Some(*place)),
             other => (other.to_string(), None),
         };
         Self { exit: Exit::Input, problems: vec![Problem { message, excerpt, remedy }] }
