@@ -2,6 +2,7 @@
 #![allow(dead_code)] // Each test takes what it needs.
 
 pub mod fuzz;
+pub mod inverse;
 pub mod program;
 
 use screed_kernel::arm::{Arm, Dh, Joint, Rating};
