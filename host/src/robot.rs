@@ -4,6 +4,7 @@ pub mod calibration;
 pub mod chain;
 pub mod description;
 mod error;
+pub mod file;
 pub mod sample;
 pub mod urdf;
 

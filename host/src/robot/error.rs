@@ -2,8 +2,12 @@
 
 use super::calibration::CalibrationFault;
 use super::urdf::UrdfFault;
+use crate::config::Finding;
 use crate::failure::{Excerpt, Exit, Failure, Problem};
 use std::path::PathBuf;
+
+/// The page about robots.
+const MANUAL: &str = "docs/robots.md";
 
 /// Why there is no arm.
 #[derive(Debug, thiserror::Error)]
@@ -32,6 +36,12 @@ pub enum RobotError {
         /// What.
         fault: CalibrationFault,
     },
+    /// The arm file is wrong.
+    #[error("{}", findings.iter().map(|finding| finding.to_string()).collect::<Vec<_>>().join("\n"))]
+    File {
+        /// All that was found, in the order of the file; at least one.
+        findings: Vec<Finding>,
+    },
     /// The URDF has no chain that the kernel can have.
     #[error("{}:{}:{}: {fault}", place.file, place.line, place.column)]
     Urdf {
@@ -55,12 +65,21 @@ impl RobotError {
                 _ => "docs/robots.md shows both kinds of file",
             },
             Self::Urdf { fault, .. } => fault.remedy(),
+            Self::File { .. } => MANUAL,
         }
     }
 }
 
 impl From<RobotError> for Failure {
     fn from(error: RobotError) -> Self {
+        if let RobotError::File { findings } = error {
+            let problem = |finding: Finding| Problem {
+                message: finding.fault.to_string(),
+                remedy: Some(finding.fault.remedy(MANUAL)),
+                excerpt: Some(finding.place),
+            };
+            return Self { exit: Exit::Input, problems: findings.into_iter().map(problem).collect() };
+        }
         let remedy = Some(error.remedy().to_owned());
         let (message, excerpt) = match error {
             RobotError::Calibration { place, fault } => (fault.to_string(), Some(*place)),

@@ -41,10 +41,10 @@ impl Opw {
             name,
             base_from_zero: if s[0] < 0.0 { Some(turned([1.0, -1.0, -1.0])) } else { None },
             dh: [
-                self.row(0, 0.0, self.c1, self.a1, s[0] * s[1] * -1.0, 0.0),
+                self.row(0, 0.0, self.c1, self.a1, -(s[0] * s[1]), 0.0),
                 self.row(1, -FRAC_PI_2, self.b, self.c2, 0.0, s[1] * s[2]),
                 self.row(2, FRAC_PI_2, 0.0, self.a2, s[2] * s[3], 0.0),
-                self.row(3, 0.0, self.c3, 0.0, s[3] * s[4] * -1.0, 0.0),
+                self.row(3, 0.0, self.c3, 0.0, -(s[3] * s[4]), 0.0),
                 self.row(4, 0.0, 0.0, 0.0, s[4] * s[5], 0.0),
                 self.row(5, 0.0, self.c4, 0.0, 0.0, s[5]),
             ],
