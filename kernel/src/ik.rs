@@ -9,6 +9,7 @@ use crate::arm::{Arm, JointKind};
 use crate::pose::Pose;
 use crate::units::JointPos;
 use core::f64::consts::PI;
+use nalgebra::Vector3;
 
 /// How far (rad) a joint may lie beyond its limit and be taken to lie on it: what rounding alone does.
 pub const LIMIT_TOLERANCE: f64 = 1e-13;
@@ -24,7 +25,7 @@ pub enum IkError {
     NotFinite,
     /// The pose's rotation is none: its axes are not of unit length, not square to each other, or left-handed.
     NotRotation {
-        /// The largest deviation found, at least [`ROTATION_TOLERANCE`].
+        /// The root of the sum of squares of the deviations found, more than [`ROTATION_TOLERANCE`].
         by: f64,
     },
     /// The arm's table does not have the shape that this closed form needs.
@@ -236,15 +237,21 @@ struct Beyond {
     by: f64,
 }
 
-/// What every inverse asks of its arguments.
+/// What every inverse asks of its arguments. A NaN or an infinity makes each sum NaN.
 fn check<const N: usize>(pose: &Pose, seed: &JointPos<N>) -> Result<(), IkError> {
+    let Pose { rotation, translation } = pose;
+    let axis = |column: usize| -> Vector3<f64> { rotation.column(column).into() };
+    let (x, y, z) = (axis(0), axis(1), axis(2));
+    let (long, wide) = (x.norm_squared() - 1.0, y.norm_squared() - 1.0);
+    let squared = (x.cross(&y) - z).norm_squared() + long * long + wide * wide;
+    let others = translation.iter().chain(&seed.0).fold(0.0, |sum, value| sum + value * 0.0);
+    if squared <= ROTATION_TOLERANCE * ROTATION_TOLERANCE && others == 0.0 {
+        return Ok(());
+    }
     if !pose.is_finite() || !seed.is_finite() {
         return Err(IkError::NotFinite);
     }
-    let (x, y, z) = (pose.rotation.column(0), pose.rotation.column(1), pose.rotation.column(2));
-    let skew = (x.cross(&y) - z).amax();
-    let by = skew.max(libm::fabs(x.norm_squared() - 1.0)).max(libm::fabs(y.norm_squared() - 1.0));
-    if by > ROTATION_TOLERANCE { Err(IkError::NotRotation { by }) } else { Ok(()) }
+    Err(IkError::NotRotation { by: libm::sqrt(squared) })
 }
 
 /// The largest joint difference (rad, m).
@@ -257,21 +264,28 @@ fn turned<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>, seed: &JointPos<N>
     let mut turned = *joints;
     let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
     let given = arm.joints.iter().zip(&seed.0).zip(limits);
-    for (joint, (position, ((kind, seed), (&low, &high)))) in (0..N).zip(turned.0.iter_mut().zip(given)) {
-        if libm::fabs(*position - seed) <= PI && low <= *position && *position <= high {
+    for (joint, (position, ((moved, seed), (&low, &high)))) in (0..N).zip(turned.0.iter_mut().zip(given)) {
+        let revolute = matches!(moved.kind, JointKind::Revolute);
+        let away = *position - seed;
+        // At most one turn, mostly.
+        let near = match revolute {
+            true if away > PI => *position - 2.0 * PI,
+            true if away < -PI => *position + 2.0 * PI,
+            _ => *position,
+        };
+        if low <= near && near <= high && (libm::fabs(near - seed) <= PI || !revolute) {
+            *position = near;
             continue;
         }
-        *position = match kind.kind {
-            JointKind::Revolute => full_turns(*position, *seed, low, high),
-            JointKind::Prismatic => on_limit(*position, low, high),
-        }
-        .map_err(|(position, by)| Beyond { joint, position, by })?;
+        let found = if revolute { full_turns(*position, *seed, low, high) } else { on_limit(*position, low, high) };
+        *position = found.map_err(|(position, by)| Beyond { joint, position, by })?;
     }
     Ok(turned)
 }
 
 /// The position plus the count of full turns that puts it nearest to the seed inside the limits; or the position nearest to
 /// the seed, and how far the nearest of all is beyond the limits.
+#[cold]
 fn full_turns(position: f64, seed: f64, low: f64, high: f64) -> Result<f64, (f64, f64)> {
     let nearest = position + 2.0 * PI * libm::round((seed - position) / (2.0 * PI));
     if low <= nearest && nearest <= high {

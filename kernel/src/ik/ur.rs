@@ -16,7 +16,7 @@
 mod corner;
 
 use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, turned};
-use crate::arm::{Arm, Dh, Joint};
+use crate::arm::{Arm, Dh, Joint, JointKind};
 use crate::pose::Pose;
 use crate::units::JointPos;
 use core::f64::consts::PI;
@@ -129,12 +129,14 @@ impl Geometry {
     pub fn of<const N: usize>(arm: &Arm<N>) -> Option<Self> {
         let rows: &[Dh; 6] = arm.dh.as_slice().try_into().ok()?;
         let [r1, r2, r3, r4, r5, r6] = rows;
-        let tilts = [r1.cos_alpha, r2.sin_alpha, r3.sin_alpha, r4.cos_alpha, r5.cos_alpha, r6.sin_alpha];
-        let ones = [r1.sin_alpha, r2.cos_alpha, r3.cos_alpha, r4.sin_alpha, -r5.sin_alpha, r6.cos_alpha];
-        let shifts = [r1.a, r4.a, r5.a, r6.a];
-        let zero = |value: &f64| *value == 0.0;
-        let turning = arm.joints.iter().all(|joint| *joint == Joint::REVOLUTE);
-        if !(turning && tilts.iter().all(zero) && ones == [1.0; 6] && shifts.iter().all(zero)) {
+        // Sums of sizes: one comparison instead of many.
+        let sizes = |values: [f64; 10]| values.iter().fold(0.0, |sum, value| sum + libm::fabs(*value));
+        let [c1, s2, s3] = [r1.cos_alpha, r2.sin_alpha, r3.sin_alpha];
+        let zeros = sizes([c1, s2, s3, r4.cos_alpha, r5.cos_alpha, r6.sin_alpha, r1.a, r4.a, r5.a, r6.a]);
+        let right = r1.sin_alpha == 1.0 && r4.sin_alpha == 1.0 && r5.sin_alpha == -1.0;
+        let flat = r2.cos_alpha == 1.0 && r3.cos_alpha == 1.0 && r6.cos_alpha == 1.0;
+        let turning = |joint: &Joint| matches!(joint, Joint { kind: JointKind::Revolute, coupling: None });
+        if !(zeros == 0.0 && right && flat && arm.joints.iter().all(turning)) {
             return None;
         }
         Some(Self {
@@ -162,7 +164,9 @@ impl Geometry {
         seed: &JointPos<N>,
     ) -> Result<Branches<N>, IkError> {
         check(base_from_flange, seed)?;
-        self.all(arm, &self.target(base_from_flange), seed)
+        let mut found = Branches::empty();
+        let missed = self.all(arm, &self.target(base_from_flange), seed, &mut found);
+        if found.as_slice().is_empty() { Err(missed.error()) } else { Ok(found) }
     }
 
     /// See [`nearest`]; `arm` gives the limits.
@@ -185,15 +189,16 @@ impl Geometry {
                 return Ok(*answer);
             }
         }
-        let all = self.all(arm, &target, seed)?;
+        let mut found = Branches::empty();
+        let missed = self.all(arm, &target, seed, &mut found);
         let (mut best, mut least) = guess.unzip();
-        for answer in all.as_slice() {
+        for answer in found.as_slice() {
             let far = distance(&answer.joints, seed);
             if least.is_none_or(|least| far < least) {
                 (best, least) = (Some(*answer), Some(far));
             }
         }
-        best.ok_or(IkError::NotFinite)
+        best.ok_or(missed.error())
     }
 
     fn target(&self, base_from_flange: &Pose) -> Target {
@@ -224,11 +229,23 @@ impl Geometry {
         Some((answer, distance(&answer.joints, seed)))
     }
 
-    fn all<const N: usize>(&self, arm: &Arm<N>, target: &Target, seed: &JointPos<N>) -> Result<Branches<N>, IkError> {
-        let mut found = Branches::empty();
+    /// Adds every branch's answer to those found; returns what was missed.
+    fn all<const N: usize>(
+        &self,
+        arm: &Arm<N>,
+        target: &Target,
+        seed: &JointPos<N>,
+        found: &mut Branches<N>,
+    ) -> Missed {
         let mut missed = Missed::nothing();
         let table = self.table(seed);
-        let along = self.along(target).map_err(|by| IkError::OutOfReach { by })?;
+        let along = match self.along(target) {
+            Ok(along) => along,
+            Err(by) => {
+                missed.reach(by);
+                return missed;
+            }
+        };
         for shoulder in [Side::Plus, Side::Minus] {
             let plane = self.plane(target, along * shoulder.sign(), table[0]);
             let hand = plane.hand(target, table[5]);
@@ -252,7 +269,7 @@ impl Geometry {
                 }
             }
         }
-        if found.as_slice().is_empty() { Err(missed.error()) } else { Ok(found) }
+        missed
     }
 
     /// The angles of the table for joint positions.
