@@ -5,6 +5,8 @@
 //! Each calibration gives its estimate with a covariance and with the residuals of every measurement, and refuses measurements
 //! that leave something undetermined, by naming what.
 
+pub mod arm;
+mod dependence;
 mod error;
 mod least_squares;
 pub mod pose_fit;

@@ -1,5 +1,6 @@
 //! Planted frames come back within the covariance stated, on seeded noise; what is not determined is refused.
 
+mod arm;
 mod random;
 mod target;
 mod tcp;
