@@ -8,8 +8,11 @@
 pub mod arm;
 mod dependence;
 mod error;
+pub mod file;
+pub mod frame;
 mod least_squares;
 pub mod pose_fit;
+pub mod report;
 mod swing;
 pub mod target;
 pub mod tcp;

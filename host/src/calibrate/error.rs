@@ -1,5 +1,6 @@
 //! Why a calibration is refused.
 
+use crate::failure::{Exit, Failure};
 use nalgebra::Vector3;
 use screed_kernel::registration::RegistrationError;
 
@@ -62,6 +63,19 @@ pub enum CalibrateError {
         /// Size of the residuals in units of the noise.
         noise_ratio: f64,
     },
+    /// Point pairs of a right-handed and a left-handed frame.
+    #[error(
+        "the points fit a mirror image ({:.3} mm rms) far better than any turn ({:.3} mm rms); check the signs of one frame's \
+         axes, and whether points are swapped",
+        mirrored_rms * 1e3,
+        residual_rms * 1e3
+    )]
+    Mirrored {
+        /// What the best turn leaves (m).
+        residual_rms: f64,
+        /// What the best mirror image leaves (m).
+        mirrored_rms: f64,
+    },
     /// Point pairs that hold no frame.
     #[error("{}", registration(.0))]
     Registration(RegistrationError),
@@ -70,6 +84,12 @@ pub enum CalibrateError {
 impl From<RegistrationError> for CalibrateError {
     fn from(error: RegistrationError) -> Self {
         Self::Registration(error)
+    }
+}
+
+impl From<CalibrateError> for Failure {
+    fn from(error: CalibrateError) -> Self {
+        Self::told(Exit::Input, error.to_string())
     }
 }
 

@@ -1,6 +1,7 @@
 //! Planted frames come back within the covariance stated, on seeded noise; what is not determined is refused.
 
 mod arm;
+mod file;
 mod random;
 mod target;
 mod tcp;

@@ -3,11 +3,11 @@
 use super::is_chi_squared;
 use super::random::{measured, normal, pose};
 use super::target::TRACKER;
-use crate::calibrate::CalibrateError;
 use crate::calibrate::arm::chain::Chain;
 use crate::calibrate::arm::{ArmMeasurement, Identified, Parameter, identify, parameters, system, table};
 use crate::calibrate::pose_fit::TrackerNoise;
 use crate::calibrate::target::{Frames, PosePair, calibrate};
+use crate::calibrate::{CalibrateError, report};
 use nalgebra::{DVector, Vector3};
 use screed_kernel::arm::{Arm, Coupling, Dh, Joint, Rating};
 use screed_kernel::arms::ur::UR10E;
@@ -241,6 +241,11 @@ fn what_cannot_be_told_apart_is_named() {
         // A chain of six turning joints between two free frames has 30 numbers, 12 of them the frames'.
         assert_eq!((found.estimates.len(), found.fit.degrees), (18, 6 * POSES - 30));
         assert!(found.condition < 100.0, "{}", found.condition);
+        let words = report::arm(&found).words;
+        assert!(
+            words.contains("\n  theta1 and base rz: theta1 held as it was\n") && words.contains("condition"),
+            "{words}"
+        );
 
         // Joint 5 is never moved: rows 4 and 5 are one link, a chain of five.
         let one = |_| {
