@@ -1,7 +1,7 @@
 //! What an arm's geometry really is: changes of its DH table, from poses of a target that a tracker measured.
 //!
 //! Unknown are the changes of every row, where the target sits on the flange and where the tracker stands; Gauss–Newton on the
-//! tracker's residuals, by its noise, with the analytic Jacobian of the chain ([`chain`]). Sources: Mooring, Roth, Driels, "Fundamentals
+//! tracker's residuals, by its noise, with the analytic Jacobian of the chain. Sources: Mooring, Roth, Driels, "Fundamentals
 //! of Manipulator Calibration", 1991; Hollerbach, Khalil, Gautier, "Model Identification", Springer Handbook of Robotics, 2016.
 //!
 //! Not all of them can be told apart: the first row's θ and d from a motion of the base, the last row's four from one of the target,

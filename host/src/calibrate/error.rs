@@ -43,7 +43,7 @@ pub enum CalibrateError {
     OneAxis {
         /// The axis, in the flange frame.
         axis_in_flange: Vector3<f64>,
-        /// How far the axis itself is turned (root mean square, about rad), less than [`super::swing::SWING_MIN`].
+        /// How far the axis itself is turned (root mean square, about rad), less than 0.05.
         swing: f64,
     },
     /// Parameters that the measurements do not determine.

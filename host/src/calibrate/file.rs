@@ -130,7 +130,7 @@ impl Source {
         most: f64,
     ) -> Result<[f64; N], FileError> {
         let numbers = *value.get_ref();
-        match numbers.iter().find(|number| !(number.abs() <= most)) {
+        match numbers.iter().find(|number| !(-most..=most).contains(*number)) {
             None => Ok(numbers),
             Some(found) => {
                 let expected = format!("numbers from -{most} to {most}");

@@ -15,14 +15,18 @@ const ARMS: [Arm<6>; 1] = [UR10E];
 
 /// Reads, calibrates, tells.
 pub fn run(command: &CalibrateCommand) -> Result<(), Failure> {
-    let (args, report): (_, fn(&Source) -> Result<Report, Failure>) = match command {
-        CalibrateCommand::Frame(args) => (args, frame),
-        CalibrateCommand::Tcp(args) => (args, tcp),
-        CalibrateCommand::Target(args) => (args, target),
-        CalibrateCommand::Arm(args) => (args, arm),
-    };
+    let (CalibrateCommand::Frame(args)
+    | CalibrateCommand::Tcp(args)
+    | CalibrateCommand::Target(args)
+    | CalibrateCommand::Arm(args)) = command;
     let CalibrateArgs { file, json } = args;
-    let report = report(&Source::read(file)?)?;
+    let source = Source::read(file)?;
+    let report = match command {
+        CalibrateCommand::Frame(_) => frame(&source),
+        CalibrateCommand::Tcp(_) => tcp(&source),
+        CalibrateCommand::Target(_) => target(&source),
+        CalibrateCommand::Arm(_) => arm(&source),
+    }?;
     say(&if *json { format!("{:#}\n", report.json) } else { report.words })
 }
 

@@ -189,7 +189,7 @@ impl<T> Where<'_, T> {
         let mut joints = JointPos(numbers);
         for (position, joint) in joints.0.iter_mut().zip(&arm.joints) {
             let most = if joint.kind == JointKind::Prismatic { SLIDE_MAX } else { ANGLE_MAX };
-            if !(position.abs() <= most) {
+            if !(-most..=most).contains(position) {
                 let (expected, found) = (format!("numbers from -{most} to {most}"), position.to_string());
                 return Err(source.refuse(value, key, expected, found, "leave the measurement out"));
             }
