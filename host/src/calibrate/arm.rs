@@ -79,6 +79,9 @@ pub struct Identified<const N: usize> {
     pub residuals: Vec<PoseResidual>,
     /// What the table as it was, with target and tracker fitted alone, leaves of each pose.
     pub residuals_before: Vec<PoseResidual>,
+    /// How far off the target's predicted place is to be expected at poses like those measured, by the covariance: root mean square
+    /// distance (m), one standard deviation.
+    pub target_sigma: f64,
     /// Largest over smallest singular value of the Jacobian of what was sought, with its columns scaled to one length. Above 100
     /// the poses are badly chosen.
     pub condition: f64,
@@ -128,6 +131,7 @@ pub fn identify<const N: usize>(
         fit: Fit { chi_squared: best.chi_squared, degrees: 6 * found - free.len() },
         residuals: measurements.iter().map(residual).collect(),
         residuals_before: before.residuals,
+        target_sigma: target_sigma(&linearise(&best.state).jacobian, &best.solved.covariance, measurements, noise),
         condition: best.solved.condition,
         covariance,
     })
@@ -166,6 +170,21 @@ pub(super) fn system<const N: usize>(
         fill(&mut jacobian, &mut residual, 6 * index, &measurement.tracker_from_target, &prediction, noise);
     }
     System { jacobian, residual }
+}
+
+/// Σ trace(J·C·Jᵀ) over the rows of positions, their weights taken back.
+fn target_sigma<const N: usize>(
+    jacobian: &DMatrix<f64>,
+    covariance: &DMatrix<f64>,
+    measurements: &[ArmMeasurement<N>],
+    noise: &TrackerNoise,
+) -> f64 {
+    let variance = |(index, measurement): (usize, &ArmMeasurement<N>)| {
+        let rows = jacobian.fixed_rows::<3>(6 * index);
+        let sigma = noise.position_at(&measurement.tracker_from_target.translation);
+        (rows * covariance).component_mul(&rows).sum() * sigma * sigma
+    };
+    (measurements.iter().enumerate().map(variance).sum::<f64>() / measurements.len() as f64).sqrt()
 }
 
 /// Of all that was sought, the changes of the table, with their part of the covariance.

@@ -113,6 +113,11 @@ pub fn arm<const N: usize>(found: &Identified<N>) -> Report {
     poses_in_words(&mut words, "before", &found.residuals_before);
     poses_in_words(&mut words, "after", &found.residuals);
     fit_in_words(&mut words, &found.fit);
+    let expected = found.target_sigma * 1e3;
+    let _ = writeln!(
+        words,
+        "  expected     the target within {expected:.4} mm rms at other poses like these, by the noise stated"
+    );
     let _ = writeln!(words, "  condition    {:.0} (up to 100 is good)", found.condition);
     words += "changes of the table, ± one standard deviation\n";
     for estimate in &found.estimates {
@@ -157,6 +162,7 @@ fn arm_as_json<const N: usize>(found: &Identified<N>) -> Value {
         "flange_from_target": pose_as_json(&found.flange_from_target),
         "tracker_from_base": pose_as_json(&found.tracker_from_base),
         "fit": fit_as_json(&found.fit),
+        "target_sigma_m": found.target_sigma,
         "condition": found.condition,
         "residuals_before": found.residuals_before,
         "residuals": found.residuals,

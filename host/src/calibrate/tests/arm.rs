@@ -132,6 +132,8 @@ struct TipErrors {
     rms: f64,
     /// Of the tip: largest.
     largest: f64,
+    /// Of the target: root mean square.
+    target_rms: f64,
 }
 
 fn tip_errors<const N: usize>(
@@ -142,7 +144,7 @@ fn tip_errors<const N: usize>(
     flange_from_target: &Pose,
 ) -> TipErrors {
     let tip_in_target = Vector3::new(0.2, -0.1, 0.2);
-    let mut errors = TipErrors { rms: 0.0, largest: 0.0 };
+    let mut errors = TipErrors { rms: 0.0, largest: 0.0, target_rms: 0.0 };
     for _ in 0..200 {
         let joints = joints(random);
         let found = *tracker_from_base * arm.forward(&joints) * *flange_from_target;
@@ -150,8 +152,10 @@ fn tip_errors<const N: usize>(
         let miss = found.transform_point(&tip_in_target) - real.transform_point(&tip_in_target);
         errors.rms += miss.norm_squared() / 200.0;
         errors.largest = errors.largest.max(miss.norm());
+        errors.target_rms += (found.translation - real.translation).norm_squared() / 200.0;
     }
     errors.rms = errors.rms.sqrt();
+    errors.target_rms = errors.target_rms.sqrt();
     errors
 }
 
@@ -296,7 +300,7 @@ fn planted_errors_of_0_3_mm_leave_less_than_0_05_mm() {
     for (first_seed, arm, noise) in
         [(100, nj130(), TRACKER), (200, UR10E, TRACKER), (100, nj130(), worst_case), (200, UR10E, worst_case)]
     {
-        let mut before_mean = 0.0;
+        let (mut before_mean, mut expected) = (0.0, 0.0);
         for seed in first_seed..first_seed + RUNS {
             let mut random = Random(seed);
             let truth = planted(&mut random, &arm, PLANTED);
@@ -312,8 +316,11 @@ fn planted_errors_of_0_3_mm_leave_less_than_0_05_mm() {
             let after = tip_errors_of(&mut random, &truth, &found);
             assert!(after.rms < 5e-5 && after.rms < 0.5 * before.rms, "seed {seed}: {after:?} after {before:?}");
             before_mean += before.rms / RUNS as f64;
+            expected += (after.target_rms / found.target_sigma).powi(2) / RUNS as f64;
         }
         assert!((2.5e-4..4e-4).contains(&before_mean), "{before_mean}");
+        // What the covariance has told to expect, at poses like those measured.
+        assert!((0.9..1.2).contains(&expected.sqrt()), "{}", expected.sqrt());
     }
 }
 
