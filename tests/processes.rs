@@ -280,6 +280,8 @@ fn a_fault_stays_until_a_person_leaves_it() {
     };
     let (code, _, error) = print(&["--yes"]);
     assert!(code == Some(5) && error.contains("K1") && error.contains("does not follow"), "{error}");
+    let told: Vec<_> = error.lines().filter(|line| line.contains("alarm: K1")).collect();
+    assert!(told.len() == 1 && told[0].contains("then re-arm"), "{error}");
     // Nobody answers the question: the fault stays.
     let (code, _, error) = print(&[]);
     assert!(code == Some(1) && error.contains("stands in fault 1") && error.contains("not confirmed"), "{error}");

@@ -65,6 +65,8 @@ pub struct Robot {
     pub joint_jerk_max: JointJerk<6>,
     /// Largest difference between commanded and actual joints at equal stamps (rad) before the job stops.
     pub following_error_max: f64,
+    /// Largest difference between commanded and estimated joints (rad) before the job stops, where there is an estimator.
+    pub deviation_max: f64,
 }
 
 /// What is mounted on the flange.

@@ -56,8 +56,8 @@ impl<const N: usize> Config<N> {
         let motion = configure.output.motion::<N>().ok_or_else(unsound(Unsound::Joints))?;
         sound(is_positive(&plan) && is_positive(&motion), Unsound::Motion)?;
         let within = |value: &f64, limit: &f64| value <= limit;
-        let speeds = plan.velocity_max.0.iter().zip(&arm.velocity_max.0);
-        sound(speeds.into_iter().all(|(v, limit)| within(v, limit)), Unsound::Motion)?;
+        let speeds = arm.velocity_max.known().map(|rated| plan.velocity_max.0.into_iter().zip(rated.0));
+        sound(speeds.into_iter().flatten().all(|(v, rated)| v <= rated), Unsound::Motion)?;
         let errors = [configure.following_error_max, configure.deviation_max];
         sound(errors.iter().all(positive), Unsound::Errors)?;
         let correction = configure.correction;

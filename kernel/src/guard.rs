@@ -10,7 +10,6 @@ use crate::correction::CorrectionLimits;
 use crate::interpolate::{
     ACCELERATION_OVERSHOOT, JERK_GAIN, JERK_GAIN_EQUAL_PERIODS, POSITION_OVERSHOOT, VELOCITY_OVERSHOOT,
 };
-use crate::pose::Pose;
 use crate::setpoint::JOINT_QUANTUM;
 use crate::units::{JointAcc, JointJerk, JointPos, JointVel};
 use core::cmp::Ordering;
@@ -190,6 +189,7 @@ impl<const N: usize> Differences<N> {
     pub fn push(&mut self, next: &JointPos<N>, limits: &Limits<N>, period: f64) -> Result<(), Violation> {
         let [a, b, c] = &self.last;
         let motion = &limits.motion;
+        let slack = [Quantity::Velocity, Quantity::Acceleration, Quantity::Jerk].map(|q| rounding(q, period));
         for joint in 0..N {
             #[cfg(test)]
             crate::steps::count();
@@ -209,12 +209,13 @@ impl<const N: usize> Differences<N> {
             let velocity = (q0 - q1) / period;
             let acceleration = (q0 - 2.0 * q1 + q2) / (period * period);
             let jerk = (q0 - 3.0 * (q1 - q2) - q3) / (period * period * period);
-            for (quantity, value, limit) in [
-                (Quantity::Velocity, velocity, at(&motion.velocity_max.0)),
-                (Quantity::Acceleration, acceleration, at(&motion.acceleration_max.0)),
-                (Quantity::Jerk, jerk, at(&motion.jerk_max.0)),
+            let [v, a, j] = slack;
+            for (quantity, value, limit, slack) in [
+                (Quantity::Velocity, velocity, at(&motion.velocity_max.0), v),
+                (Quantity::Acceleration, acceleration, at(&motion.acceleration_max.0), a),
+                (Quantity::Jerk, jerk, at(&motion.jerk_max.0), j),
             ] {
-                if exceeds(libm::fabs(value), limit + rounding(quantity, period)) {
+                if exceeds(libm::fabs(value), limit + slack) {
                     return fail(quantity, value, limit);
                 }
             }
@@ -242,8 +243,7 @@ impl Workspace {
         if self.planes.is_empty() {
             return Ok(());
         }
-        let base_from_flange: Pose = arm.forward(joints);
-        let points = [base_from_flange.translation, base_from_flange.transform_point(&self.tcp_in_flange)];
+        let points = arm.points(joints, [Vector3::zeros(), self.tcp_in_flange]);
         for (index, plane) in (0..PLANES_MAX as u8).zip(&self.planes) {
             let normal = Vector3::from(plane.normal_in_base);
             for point_in_base in &points {

@@ -229,3 +229,34 @@ const fn distance<const CAP: usize>(from: u32, to: u32) -> u32 {
     let slots = to.wrapping_add(cap).wrapping_sub(from) % cap;
     if slots == 0 { cap } else { slots }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_do_not_wrap_they_run_out() {
+        let mut ring = Ring::<1, 16>::new();
+        ring.consumed = u32::MAX - 4;
+        let behind = ring.end_seq() + 1;
+        ring.stage(behind, None).unwrap();
+        for _ in 0..3 {
+            ring.push(&Setpoint::ZERO).unwrap();
+        }
+        assert_eq!(ring.push(&Setpoint::ZERO), Err(RingError::Sequence), "the last number is never given");
+        assert_eq!(ring.commit(), Err(RingError::Sequence), "and the batch that asked for it is dropped");
+        ring.stage(behind, None).unwrap();
+        for _ in 0..3 {
+            ring.push(&Setpoint::ZERO).unwrap();
+        }
+        ring.commit().unwrap();
+        assert_eq!((ring.end_seq(), ring.credits()), (u32::MAX - 1, 13));
+        ring.stage(u32::MAX, Some(u32::MAX - 1)).unwrap();
+        assert_eq!(ring.push(&Setpoint::ZERO), Err(RingError::Sequence));
+        assert_eq!(ring.stage(0, Some(u32::MAX)), Err(RingError::Sequence));
+        while ring.consume().is_some() {}
+        assert_eq!((ring.consumed(), ring.credits()), (u32::MAX - 1, 16));
+        ring.restart();
+        assert_eq!(ring.stage(1, None), Ok(()));
+    }
+}

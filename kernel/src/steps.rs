@@ -2,7 +2,7 @@
 
 extern crate std;
 
-use crate::arm::{Arm, Dh};
+use crate::arm::{Arm, Dh, Joint, Rating};
 use crate::correction::CorrectionLimits;
 use crate::frame::{self, BatchPart, CODE_MAX, Configure, FRAME_MAX, MotionLimits, ToKernel, WIRE_MAX};
 use crate::guard::{Motion, Periods, output_least};
@@ -25,13 +25,17 @@ pub(crate) fn count() {
 /// for itself, four for its joints (decoded, judged), one for each of its numbers' bytes.
 const STEPS_A_BYTE: usize = 3;
 
-const LINK: Dh = Dh { d: 0.0, a: 0.5, sin_alpha: 0.0, cos_alpha: 1.0 };
+const LINK: Dh = Dh { theta: 0.0, d: 0.0, a: 0.5, sin_alpha: 0.0, cos_alpha: 1.0 };
 const ARM: Arm<2> = Arm {
     name: "planar",
+    base_from_zero: None,
     dh: [LINK; 2],
+    joints: [Joint::REVOLUTE; 2],
+    last_from_flange: None,
     position_min: JointPos([-3.0; 2]),
     position_max: JointPos([3.0; 2]),
-    velocity_max: JointVel([3.0; 2]),
+    velocity_max: Rating::Known(JointVel([3.0; 2])),
+    acceleration_max: Rating::Unknown,
 };
 
 fn wire(message: &ToKernel) -> Vec<u8> {

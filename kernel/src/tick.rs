@@ -331,6 +331,9 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         {
             self.faults = self.faults.saturating_add(1);
             self.fault_tick = self.tick.0;
+            if let Some(report) = self.fault() {
+                self.say(&FromKernel::Fault(report));
+            }
         }
         match next {
             Mode::Unready => {
@@ -394,6 +397,10 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         }
     }
 
+    fn fault(&self) -> Option<FaultReport> {
+        self.mode.fault().map(|fault| FaultReport { number: self.faults, fault, tick: self.fault_tick })
+    }
+
     fn say(&mut self, message: &FromKernel) {
         let mut bytes = [0; 512];
         // With nobody reading, the outbox is full and the answer is dropped: a host that comes asks for the status.
@@ -407,12 +414,11 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     }
 
     fn status(&self) -> Status {
-        let report = |fault| FaultReport { number: self.faults, fault, tick: self.fault_tick };
         Status {
             tick: self.tick.0,
             epoch: self.epoch,
             mode: self.mode.code(),
-            fault: self.mode.fault().map(report),
+            fault: self.fault(),
             consumed: self.ring.consumed(),
             end_seq: self.ring.end_seq(),
             credits: self.ring.credits(),

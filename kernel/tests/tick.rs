@@ -216,6 +216,7 @@ fn each_finding_of_a_tick_is_its_own_fault_and_a_stop_on_the_path() {
         disturb(&mut bench);
         let first = bench.tick();
         assert!(expected(first.mode.fault().unwrap()), "{:?}", first.mode);
+        assert_eq!(bench.faults, [bench.status().fault.unwrap()], "told at once");
         bench.sensors.estimate = None;
         if !bench.sensors.actual.is_finite() {
             bench.sensors.actual = first.joints.unwrap();
@@ -229,6 +230,7 @@ fn each_finding_of_a_tick_is_its_own_fault_and_a_stop_on_the_path() {
         let report = bench.status().fault.unwrap();
         assert!(expected(report.fault), "{report:?}");
         assert!(report.number == 1 && report.tick - at <= 1);
+        assert_eq!(bench.faults, [report], "and once");
         assert_eq!(bench.status().mode, ModeCode::Faulted);
     }
 }

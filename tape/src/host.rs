@@ -119,6 +119,7 @@ impl Host {
                     }
                 }
                 Ok(FromKernel::Status(status)) => seen.status(&status),
+                Ok(FromKernel::Fault(_)) => seen.faults_told += 1,
                 Ok(_) => {}
                 Err(_) => seen.answers_broken += 1,
             }

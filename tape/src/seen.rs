@@ -31,6 +31,8 @@ pub struct Seen {
     pub misfits: [u64; 6],
     /// Statuses told.
     pub statuses: u64,
+    /// Faults told at the tick that found them.
+    pub faults_told: u64,
     /// Frames that the kernel dropped as broken, and those whose message it does not know.
     pub frames: [u64; 2],
     /// Ticks that came late.
@@ -111,7 +113,7 @@ impl Seen {
     pub fn is_complete(&self) -> bool {
         let [_, misfits @ ..] = &self.misfits;
         let lists = [&self.modes[..], &self.said, &self.faults, &self.refused, &self.unsound, misfits, &self.frames];
-        let singles = [self.bytes, self.corrected, self.accepted, self.statuses, self.late];
+        let singles = [self.bytes, self.corrected, self.accepted, self.statuses, self.faults_told, self.late];
         lists.iter().all(|list| list.iter().all(|&n| n > 0)) && singles.iter().all(|&n| n > 0) && self.unsaid == 0
     }
 }
@@ -135,7 +137,8 @@ impl fmt::Display for Seen {
         writeln!(f, "  configuration    {:?} (joints periods positions motion errors", self.unsound)?;
         writeln!(f, "                   correction tool workspace)")?;
         writeln!(f, "  does not fit     {:?} (- position speed acceleration jerk workspace)", self.misfits)?;
-        writeln!(f, "batches accepted   {}, statuses {}", self.accepted, self.statuses)?;
+        let Self { accepted, statuses, faults_told, .. } = self;
+        writeln!(f, "batches accepted   {accepted}, statuses {statuses}, faults told {faults_told}")?;
         write!(f, "answers broken     {}, unsaid {}", self.answers_broken, self.unsaid)
     }
 }

@@ -7,7 +7,7 @@
 
 use core::mem::MaybeUninit;
 use nalgebra::Vector3;
-use screed_kernel::arm::Arm;
+use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::fault::Fault;
@@ -87,10 +87,29 @@ macro_rules! kernel_roots {
                 (MotionLimits::from(&least), least)
             }
 
+            /// [`Arm::points`]
+            #[unsafe(export_name = concat!("root_points_", $joints))]
+            pub fn points(
+                arm: &Arm<$joints>,
+                joints: &JointPos<$joints>,
+                points: [Vector3<f64>; 2],
+            ) -> [Vector3<f64>; 2] {
+                arm.points(joints, points)
+            }
+
             /// [`Arm::forward`]
             #[unsafe(export_name = concat!("root_forward_", $joints))]
             pub fn forward(arm: &Arm<$joints>, joints: &JointPos<$joints>) -> Pose {
                 arm.forward(joints)
+            }
+
+            /// [`Arm::frames`] and [`Arm::jacobian`]
+            #[unsafe(export_name = concat!("root_jacobian_", $joints))]
+            pub fn jacobian(
+                arm: &Arm<$joints>,
+                joints: &JointPos<$joints>,
+            ) -> ([Pose; $joints], (Pose, Jacobian<$joints>)) {
+                (arm.frames(joints), arm.jacobian(joints))
             }
         }
     };

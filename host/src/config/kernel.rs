@@ -29,8 +29,7 @@ impl Cell {
             plan: MotionLimits::from(&plan),
             output: MotionLimits::from(&output),
             following_error_max: robot.following_error_max,
-            // Without an estimator nothing is compared; the limit is that of the robot's own word.
-            deviation_max: robot.following_error_max,
+            deviation_max: robot.deviation_max,
             correction,
             flange_from_tcp: [shift.x, shift.y, shift.z, turn.x, turn.y, turn.z],
             workspace: self.workspace.iter().map(|bound| bound.plane).collect(),

@@ -76,6 +76,7 @@ pub(super) const JOINT_VELOCITY: Number = number("joint_velocity_max_deg_s", DEG
 pub(super) const JOINT_ACCELERATION: Number = number("joint_acceleration_max_deg_s2", DEG_S2, 1.0, 10_000.0);
 pub(super) const JOINT_JERK: Number = number("joint_jerk_max_deg_s3", DEG_S3, 1.0, 1_000_000.0);
 pub(super) const FOLLOWING_ERROR: Number = number("following_error_max_deg", DEG, 0.01, 30.0);
+pub(super) const DEVIATION: Number = number("deviation_max_deg", DEG, 0.01, 30.0);
 pub(super) const XYZ: Number = number("xyz_mm", MM, -100_000.0, 100_000.0);
 pub(super) const BOUNDS: [Number; 6] = [
     number("x_min_mm", MM, -100_000.0, 100_000.0),
@@ -106,6 +107,7 @@ pub(super) const ALL: &[&Number] = &[
     &JOINT_ACCELERATION,
     &JOINT_JERK,
     &FOLLOWING_ERROR,
+    &DEVIATION,
     &XYZ,
     &BOUNDS[0],
     &BOUNDS[1],
@@ -118,6 +120,7 @@ pub(super) const ALL: &[&Number] = &[
     &ACCELERATION,
     &JERK,
     &LIFT,
+    &SETTLE,
     &JOINT_SHARE,
     &TIMEOUT,
     &WATCHDOG,
@@ -145,6 +148,6 @@ mod tests {
         assert_eq!(MM_S3.si(10_000.0), 10.0);
         assert_eq!(MM3_S.si(21_600.0), 2.16e-5);
         assert_eq!(MS.si(500.0), 0.5);
-        assert_eq!(DEG_S.si(120.0), screed_kernel::arms::ur::UR10E.velocity_max.0[0]);
+        assert_eq!(Some(DEG_S.si(120.0)), screed_kernel::arms::ur::UR10E.velocity_max.known().map(|rated| rated.0[0]));
     }
 }

@@ -55,12 +55,13 @@ fn robot(document: &mut Document<'_>) -> Option<Robot> {
     let arm = arm(&mut section);
     let simulated = section.boolean("simulated");
     let start = section.numbers(&keys::START);
-    let data_sheet = arm.map_or(UR10E.velocity_max, |arm| arm.velocity_max);
+    let data_sheet = arm.unwrap_or(UR10E).velocity_max.known().unwrap_or(JointVel([f64::INFINITY; 6]));
     let velocity = section.numbers_or(&keys::JOINT_VELOCITY, data_sheet.0);
     let velocity = velocity.and_then(|velocity| within_data_sheet(&mut section, velocity, &data_sheet));
     let acceleration = section.numbers(&keys::JOINT_ACCELERATION);
     let jerk = section.numbers(&keys::JOINT_JERK);
     let following_error_max = section.number(&keys::FOLLOWING_ERROR);
+    let deviation_max = section.number_if_given(&keys::DEVIATION);
     section.finish();
     let arm = arm?;
     Some(Robot {
@@ -72,6 +73,8 @@ fn robot(document: &mut Document<'_>) -> Option<Robot> {
         joint_acceleration_max: JointAcc(acceleration?),
         joint_jerk_max: JointJerk(jerk?),
         following_error_max: following_error_max?,
+        // An estimate lags as the robot's own word does.
+        deviation_max: deviation_max?.or(following_error_max)?,
     })
 }
 

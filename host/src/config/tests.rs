@@ -35,7 +35,7 @@ fn the_demo_cell_is_read_in_si() {
     let cell = Cell::demo(500).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(cell.name, "demo");
     assert_eq!(cell.robot.arm, screed_kernel::arms::ur::UR10E);
-    assert_eq!(cell.robot.joint_velocity_max, screed_kernel::arms::ur::UR10E.velocity_max);
+    assert_eq!(Some(cell.robot.joint_velocity_max), screed_kernel::arms::ur::UR10E.velocity_max.known());
     assert_eq!(cell.robot.start.0[1], -std::f64::consts::FRAC_PI_2);
     assert_eq!(cell.tool.flange_from_tcp, Pose::from_translation(0.0, 0.0, 0.2));
     let x_axis_of_part = cell.part.base_from_part.rotation.column(0).into_owned();
@@ -285,6 +285,21 @@ fn a_workspace_is_planes_in_the_base_frame_and_may_be_left_out() {
         "y_max_mm: expected more than 5 mm, where the workspace begins, found 5",
         "set y_max_mm to more than 5 mm, where the workspace begins",
     );
+}
+
+#[test]
+fn the_deviation_is_a_key_of_its_own_and_by_default_that_of_the_following_error() {
+    let following = "following_error_max_deg = 8";
+    let configured = |text: &str| {
+        let robot = parse("cell.toml", text).unwrap().configure();
+        [robot.following_error_max, robot.deviation_max].map(f64::to_degrees)
+    };
+    let near = |[a, b]: [f64; 2], [c, d]: [f64; 2]| assert!((a - c).abs() < 1e-12 && (b - d).abs() < 1e-12, "{a} {b}");
+    near(configured(DEMO), [8.0, 8.0]);
+    near(configured(&DEMO.replace(following, &format!("{following}\ndeviation_max_deg = 0.5"))), [8.0, 0.5]);
+    let [wrong] = findings(following, &format!("{following}\ndeviation_max_deg = 0")).try_into().unwrap();
+    let expected = "deviation_max_deg: expected a number from 0.01 to 30 (degrees), found 0";
+    assert_eq!(wrong.fault.to_string(), expected);
 }
 
 #[test]

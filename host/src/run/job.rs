@@ -283,6 +283,10 @@ impl Job {
                 return Err(JobError::Link(note.as_str().to_owned()));
             }
             FromKernel::Alarm { fatal: false, note } => self.alarms.push(note.as_str().to_owned()),
+            // Told as soon as it is found; the job ends once the arm rests, by the status that repeats it.
+            FromKernel::Fault(FaultReport { fault, .. }) => {
+                self.alarms.push(format!("{}; {}", words::fault(&fault), fault.action()));
+            }
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 //! Source: `config/ur10e/default_kinematics.yaml` and `joint_limits.yaml` of Universal_Robots_ROS2_Description, commit
 //! 2221ec0f720fb1af99339eb891639b499b62f1da; joint range by the controller (the elbow's ±180° there is a planning choice).
 
-use crate::arm::{Arm, Dh};
+use crate::arm::{Arm, Dh, Joint, Rating};
 use crate::units::{JointPos, JointVel};
 use core::f64::consts::PI;
 
@@ -16,17 +16,21 @@ const fn arm(name: &'static str, d1: f64, a2: f64, a3: f64, wrist: [f64; 3], vel
     }
     Arm {
         name,
+        base_from_zero: None,
         dh: [
-            Dh { d: d1, a: 0.0, sin_alpha: 1.0, cos_alpha: 0.0 },
-            Dh { d: 0.0, a: a2, sin_alpha: 0.0, cos_alpha: 1.0 },
-            Dh { d: 0.0, a: a3, sin_alpha: 0.0, cos_alpha: 1.0 },
-            Dh { d: wrist[0], a: 0.0, sin_alpha: 1.0, cos_alpha: 0.0 },
-            Dh { d: wrist[1], a: 0.0, sin_alpha: -1.0, cos_alpha: 0.0 },
-            Dh { d: wrist[2], a: 0.0, sin_alpha: 0.0, cos_alpha: 1.0 },
+            Dh { theta: 0.0, d: d1, a: 0.0, sin_alpha: 1.0, cos_alpha: 0.0 },
+            Dh { theta: 0.0, d: 0.0, a: a2, sin_alpha: 0.0, cos_alpha: 1.0 },
+            Dh { theta: 0.0, d: 0.0, a: a3, sin_alpha: 0.0, cos_alpha: 1.0 },
+            Dh { theta: 0.0, d: wrist[0], a: 0.0, sin_alpha: 1.0, cos_alpha: 0.0 },
+            Dh { theta: 0.0, d: wrist[1], a: 0.0, sin_alpha: -1.0, cos_alpha: 0.0 },
+            Dh { theta: 0.0, d: wrist[2], a: 0.0, sin_alpha: 0.0, cos_alpha: 1.0 },
         ],
+        joints: [Joint::REVOLUTE; 6],
+        last_from_flange: None,
         position_min: JointPos([-2.0 * PI; 6]),
         position_max: JointPos([2.0 * PI; 6]),
-        velocity_max: JointVel(velocity_max),
+        velocity_max: Rating::Known(JointVel(velocity_max)),
+        acceleration_max: Rating::Unknown,
     }
 }
 

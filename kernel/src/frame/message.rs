@@ -172,6 +172,9 @@ pub enum FromKernel {
         /// Cause and action, in words for a person.
         note: heapless::String<NOTE_MAX>,
     },
+    /// The kernel begins to stop by itself: said once, at the tick that found it. Every [`Status`] repeats it until a person
+    /// has left the fault, so that nothing is lost with this frame.
+    Fault(FaultReport),
 }
 
 /// Why a message was not obeyed.

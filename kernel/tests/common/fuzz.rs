@@ -14,9 +14,9 @@ pub fn read(bytes: &[u8]) -> Vec<Result<Vec<u8>, FrameError>> {
     bytes.iter().filter_map(|&byte| reader.push(byte).map(|frame| frame.map(<[u8]>::to_vec))).collect()
 }
 
-/// The committed bytes: `name: hex`, one a line.
+/// The committed bytes of version 1.0: `name: hex`, one a line.
 pub fn golden() -> Vec<(String, Vec<u8>)> {
-    let text = include_str!("../../golden/frames.txt");
+    let text = include_str!("../../golden/frames-1.0.txt");
     let line = |line: &str| {
         let (name, hex) = line.split_once(": ").unwrap();
         let byte = |at: usize| u8::from_str_radix(&hex[at..at + 2], 16).unwrap();
@@ -25,14 +25,18 @@ pub fn golden() -> Vec<(String, Vec<u8>)> {
     text.lines().filter(|line| !line.starts_with('#')).map(line).collect()
 }
 
-/// A frame with any version and body, its CRC right: CRC-32 bit by bit, COBS by its definition.
+/// CRC-32 bit by bit.
+pub fn crc(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(u32::MAX, |crc, &byte| {
+        (0..8).fold(crc ^ u32::from(byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 })
+    })
+}
+
+/// A frame with any version and body, its CRC right, and COBS by its definition.
 pub fn envelope(version: u8, body: &[u8]) -> Vec<u8> {
     let mut plain = vec![version];
     plain.extend(body);
-    let crc = !plain.iter().fold(u32::MAX, |crc, &byte| {
-        (0..8).fold(crc ^ u32::from(byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 })
-    });
-    plain.extend(crc.to_le_bytes());
+    plain.extend(crc(&plain).to_le_bytes());
     plain.push(0);
     let mut out = Vec::new();
     for run in plain.split_inclusive(|&byte| byte == 0) {

@@ -4,10 +4,11 @@
 pub mod fuzz;
 pub mod program;
 
-use screed_kernel::arm::{Arm, Dh};
+use screed_kernel::arm::{Arm, Dh, Joint, Rating};
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::frame::{
-    self, BatchPart, Configure, FromKernel, JointValues, ModeCode, MotionLimits, Reader, Refusal, Status, ToKernel,
+    self, BatchPart, Configure, FaultReport, FromKernel, JointValues, ModeCode, MotionLimits, Reader, Refusal, Status,
+    ToKernel,
 };
 use screed_kernel::guard::{Motion, Periods, output_least};
 use screed_kernel::setpoint::{Coder, Setpoint, joint_on_grid};
@@ -36,15 +37,19 @@ impl Random {
     }
 }
 
-const LINK: Dh = Dh { d: 0.0, a: 0.5, sin_alpha: 0.0, cos_alpha: 1.0 };
+const LINK: Dh = Dh { theta: 0.0, d: 0.0, a: 0.5, sin_alpha: 0.0, cos_alpha: 1.0 };
 
 /// Two links of half a metre in a plane.
 pub const ARM: Arm<2> = Arm {
     name: "planar",
+    base_from_zero: None,
     dh: [LINK, LINK],
+    joints: [Joint::REVOLUTE; 2],
+    last_from_flange: None,
     position_min: JointPos([-3.0; 2]),
     position_max: JointPos([3.0; 2]),
-    velocity_max: JointVel([3.0; 2]),
+    velocity_max: Rating::Known(JointVel([3.0; 2])),
+    acceleration_max: Rating::Unknown,
 };
 
 /// The same value for every joint.
@@ -83,6 +88,8 @@ pub struct Bench<const CAP: usize> {
     pub kernel: Box<Kernel<2, CAP>>,
     pub reader: Reader,
     pub answers: Vec<FromKernel>,
+    /// Every fault as it was told.
+    pub faults: Vec<FaultReport>,
     pub sensors: Sensors<2>,
     pub now: Nanos,
     pub tick_ns: u64,
@@ -97,6 +104,7 @@ impl<const CAP: usize> Bench<CAP> {
             kernel: Box::new(Kernel::new(&ARM)),
             reader: Reader::new(),
             answers: Vec::new(),
+            faults: Vec::new(),
             sensors: Sensors::robot(at, true),
             now: Nanos(0),
             tick_ns: configure.tick_period_ns,
@@ -129,7 +137,10 @@ impl<const CAP: usize> Bench<CAP> {
         let used = self.kernel.poll_transmit(&mut out);
         for &byte in &out[..used] {
             if let Some(message) = self.reader.push(byte) {
-                self.answers.push(frame::decode(message.unwrap()).unwrap());
+                match frame::decode(message.unwrap()).unwrap() {
+                    FromKernel::Fault(report) => self.faults.push(report),
+                    answer => self.answers.push(answer),
+                }
             }
         }
     }

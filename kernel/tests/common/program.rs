@@ -185,6 +185,9 @@ impl Program {
         self.judge.see(command);
         if let Some(fault) = command.mode.fault() {
             assert!(!matches!(fault, Fault::Output { .. }), "the last gate had to hold: {fault:?}");
+            let told = (self.bench.faults.len() as u32, self.bench.faults.last().copied());
+            let present = self.bench.status().fault;
+            assert_eq!(told, (present.map_or(0, |report| report.number), present), "each fault is told once");
         }
         let moving = matches!(command.mode.code(), ModeCode::Moving | ModeCode::Stopping);
         let index = (command.seq as usize).wrapping_sub(self.base.0 as usize + 1);

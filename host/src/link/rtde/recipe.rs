@@ -125,6 +125,8 @@ const REACH_MAX: f64 = 5.0;
 const GAP_MAX: f64 = 10.0;
 /// A controller is restarted before it runs this long: 30 years (s).
 const UPTIME_MAX: f64 = 1e9;
+/// Of an arm whose data sheet gives no speeds no speed is impossible.
+const UNRATED: JointVel<6> = JointVel([f64::INFINITY; 6]);
 
 /// Whether states are possible, alone and after the one before.
 ///
@@ -136,8 +138,8 @@ pub(super) struct Plausibility {
 }
 
 impl Plausibility {
-    pub(super) const fn new(arm: &Arm<6>) -> Self {
-        Self { velocity_max: arm.velocity_max, last: None }
+    pub(super) fn new(arm: &Arm<6>) -> Self {
+        Self { velocity_max: arm.velocity_max.known().unwrap_or(UNRATED), last: None }
     }
 
     /// Checks a state and keeps it for the next check.

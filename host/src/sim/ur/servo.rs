@@ -10,7 +10,7 @@
 //! it: two cycles of transport, a limit on acceleration, the arm's limit on speed, and a protective stop on targets that
 //! no arm can follow. The joints follow the controller's target exactly: target_q and actual_q are the same.
 
-use screed_kernel::arm::Arm;
+use screed_kernel::arm::{Arm, Rating};
 use screed_kernel::units::{JointAcc, JointPos, JointVel};
 
 /// Cycles from a command to its first effect.
@@ -71,7 +71,10 @@ impl Servo {
     pub(super) const fn new(arm: &Arm<6>, start: JointPos<6>, dt: f64) -> Self {
         Self {
             dt,
-            speed_max: arm.velocity_max,
+            speed_max: match arm.velocity_max {
+                Rating::Known(velocity_max) => velocity_max,
+                Rating::Unknown => JointVel([f64::INFINITY; 6]),
+            },
             q: start,
             qd: JointVel::ZERO,
             qdd: JointAcc::ZERO,
@@ -171,6 +174,8 @@ mod tests {
     use super::*;
     use screed_kernel::arms::ur::UR10E;
 
+    const RATED: JointVel<6> = UR10E.velocity_max.known().unwrap();
+
     const DT: f64 = 0.002;
 
     fn command(target: f64, lookahead: f64, gain: f64) -> ServoCommand {
@@ -211,19 +216,19 @@ mod tests {
             // The arm's speed in joints 3 to 6, nearly the margin's too much in joints 1 and 2.
             let target = f64::from(cycle) * DT * 2.2;
             servo.step(Some(command(target, 0.03, 2000.0))).expect("just followable");
-            for ((now, before), limit) in servo.qd.0.iter().zip(&speed).zip(&UR10E.velocity_max.0) {
+            for ((now, before), limit) in servo.qd.0.iter().zip(&speed).zip(&RATED.0) {
                 assert!((now - before).abs() <= ACCELERATION_MAX * DT * (1.0 + 1e-9));
                 assert!(now.abs() <= *limit);
             }
             speed = servo.qd.0;
             reached = reached.max(speed[0]);
         }
-        assert_eq!(reached, UR10E.velocity_max.0[0]);
+        assert_eq!(reached, RATED.0[0]);
         let cycles = (0..).take_while(|_| {
             servo.stop();
             servo.qd.0[0] != 0.0
         });
-        let expected = UR10E.velocity_max.0[0] / BRAKING / DT;
+        let expected = RATED.0[0] / BRAKING / DT;
         assert!((cycles.count() as f64 - expected).abs() < 1.0);
     }
 
