@@ -37,7 +37,7 @@ struct Line {
     goal: f64,
 }
 
-const LINES: [Line; 4] = [
+const LINES: [Line; 5] = [
     Line {
         what: "inverse, all branches, each verified",
         arm: &UR10E,
@@ -73,6 +73,15 @@ const LINES: [Line; 4] = [
         theirs: "nearest",
         sameness: Sameness::Nearest,
         goal: 30.0,
+    },
+    Line {
+        what: "forward, with Jacobian",
+        arm: &UR10E,
+        ours: "jacobian",
+        program: "kdl",
+        theirs: "jacobian",
+        sameness: Sameness::Numbers(48),
+        goal: 20.0,
     },
 ];
 

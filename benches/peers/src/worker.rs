@@ -6,7 +6,7 @@
 
 use crate::child::Outcome;
 use crate::record::{self, Record};
-use screed_kernel::arm::Arm;
+use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::ik;
 use screed_kernel::pose::Pose;
@@ -32,6 +32,7 @@ pub fn work(item: &str, arm: &str, inputs: &Path, passes: Option<u64>) -> Outcom
         "all-verified" => serve(inputs, passes, |input| all_verified(arm, input), show_all),
         "nearest" => serve(inputs, passes, |input| nearest(arm, input), show_one),
         "nearest-verified" => serve(inputs, passes, |input| nearest_verified(arm, input), show_one),
+        "jacobian" => serve(inputs, passes, |input| arm.jacobian(&input.joints), show_jacobian),
         _ => Err(format!("no such item: {item}").into()),
     }
 }
@@ -71,6 +72,16 @@ fn show_all(answer: &Option<ik::Branches<6>>, numbers: &mut Vec<f64>) {
 fn show_one(answer: &Option<JointPos<6>>, numbers: &mut Vec<f64>) {
     numbers.push(f64::from(u8::from(answer.is_some())));
     numbers.extend(answer.iter().flat_map(|joints| joints.0));
+}
+
+/// Rows of [R | t], then the Jacobian's columns.
+fn show_jacobian((pose, jacobian): &(Pose, Jacobian<6>), numbers: &mut Vec<f64>) {
+    numbers.push(1.0);
+    for row in 0..3 {
+        numbers.extend((0..3).map(|column| pose.rotation[(row, column)]));
+        numbers.push(pose.translation[row]);
+    }
+    numbers.extend(jacobian.iter());
 }
 
 /// `work` is what is timed, for one input; `show` makes numbers of its answer.
