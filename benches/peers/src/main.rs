@@ -3,6 +3,7 @@
 
 mod check;
 mod child;
+mod opw;
 mod race;
 mod record;
 mod table;

@@ -5,11 +5,12 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::thread;
 
-/// How long a slice lasts, about (ns). The two take turns, so that whatever slows the machine for a while slows both.
-const SLICE: f64 = 10e6;
+/// How long a slice lasts at least, about (ns). The two take turns, so that whatever slows the machine for a while slows
+/// both; and slices are short, so that most are not interrupted.
+const SLICE: f64 = 2e6;
 
 /// Slices of each.
-const ROUNDS: usize = 31;
+const ROUNDS: usize = 101;
 
 /// Two programs that do the same work on the same inputs.
 pub struct Pair {

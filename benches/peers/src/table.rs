@@ -33,11 +33,12 @@ struct Line {
     program: &'static str,
     theirs: &'static str,
     sameness: Sameness,
+    builds: &'static [&'static str],
     /// How many times faster ours is meant to be.
     goal: f64,
 }
 
-const LINES: [Line; 5] = [
+const LINES: [Line; 6] = [
     Line {
         what: "inverse, all branches, each verified",
         arm: &UR10E,
@@ -45,6 +46,7 @@ const LINES: [Line; 5] = [
         program: "ur-analytic-ik",
         theirs: "all",
         sameness: Sameness::Branches,
+        builds: &BUILDS,
         goal: 8.0,
     },
     Line {
@@ -54,6 +56,7 @@ const LINES: [Line; 5] = [
         program: "ur-analytic-ik-unverified",
         theirs: "all",
         sameness: Sameness::Branches,
+        builds: &BUILDS,
         goal: 8.0,
     },
     Line {
@@ -63,6 +66,7 @@ const LINES: [Line; 5] = [
         program: "ur-analytic-ik",
         theirs: "nearest",
         sameness: Sameness::Nearest,
+        builds: &BUILDS,
         goal: 30.0,
     },
     Line {
@@ -72,6 +76,7 @@ const LINES: [Line; 5] = [
         program: "ur-analytic-ik-unverified",
         theirs: "nearest",
         sameness: Sameness::Nearest,
+        builds: &BUILDS,
         goal: 30.0,
     },
     Line {
@@ -81,6 +86,17 @@ const LINES: [Line; 5] = [
         program: "kdl",
         theirs: "jacobian",
         sameness: Sameness::Numbers(48),
+        builds: &BUILDS,
+        goal: 20.0,
+    },
+    Line {
+        what: "forward, with Jacobian",
+        arm: &UR10E,
+        ours: "jacobian",
+        program: "kdl-debian",
+        theirs: "jacobian",
+        sameness: Sameness::Numbers(48),
+        builds: &["x86-64"],
         goal: 20.0,
     },
 ];
@@ -97,7 +113,7 @@ pub fn side_by_side(workers: &Path) -> Outcome<()> {
         let inputs = folder.path().join("checked");
         let hash = record::write(&inputs, &records)?;
         println!("  {}; inputs {hash:016x}", line.title());
-        for build in BUILDS {
+        for build in line.builds {
             let found = line.compare(&line.pair(&workers.join(build), &inputs, CHECKED), &records);
             let found = found.map_err(|error| format!("{}, {build}: {error}", line.title()))?;
             println!(
@@ -111,7 +127,7 @@ pub fn side_by_side(workers: &Path) -> Outcome<()> {
     for line in &LINES {
         let inputs = folder.path().join(line.arm.name);
         record::write(&inputs, &record::random(line.arm, TIMED, 2))?;
-        pairs.extend(BUILDS.map(|build| line.pair(&workers.join(build), &inputs, TIMED)));
+        pairs.extend(line.builds.iter().map(|build| line.pair(&workers.join(build), &inputs, TIMED)));
     }
     let times = pairs.iter().map(race::time).collect::<Outcome<Vec<Timed>>>()?;
     let counts = race::count(&pairs, folder.path())?;
@@ -125,7 +141,7 @@ pub fn side_by_side(workers: &Path) -> Outcome<()> {
     let mut rows = times.iter().zip(&counts);
     for line in &LINES {
         println!("  {}", line.title());
-        for (build, (time, [ours, theirs])) in BUILDS.iter().zip(&mut rows) {
+        for (build, (time, [ours, theirs])) in line.builds.iter().zip(&mut rows) {
             let [low, median, high] = time.ratio;
             let quartiles = format!("({low:.1}-{high:.1})");
             println!(

@@ -5,6 +5,7 @@
 //! all as 64-bit floats. `WORKER ITEM ARM INPUTS N` does the work N times and ends, for a profiler that counts instructions.
 
 use crate::child::Outcome;
+use crate::opw;
 use crate::record::{self, Record};
 use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
@@ -25,8 +26,24 @@ const VERIFIED: f64 = 1e-9;
 /// # Errors
 /// An item, arm or file that is not there; lines that are not understood.
 pub fn work(item: &str, arm: &str, inputs: &Path, passes: Option<u64>) -> Outcome<()> {
-    let arm = [&UR10E].into_iter().find(|known| known.name == arm).ok_or_else(|| format!("no such arm: {arm}"))?;
     let inputs = &record::read(inputs)?;
+    if let Some(item) = item.strip_prefix("opw-") {
+        let peer = opw::Peer::new(arm)?;
+        let inputs: Vec<opw::Input> = inputs.iter().map(|record| peer.input(record)).collect();
+        return match item {
+            "all" => {
+                serve(&inputs, passes, |input| peer.all(input), |answers, numbers| opw::show_all(answers, numbers))
+            }
+            "nearest" => serve(
+                &inputs,
+                passes,
+                |input| peer.nearest(input),
+                |answers, numbers| opw::show_first(answers, numbers),
+            ),
+            _ => Err(format!("no such item: opw-{item}").into()),
+        };
+    }
+    let arm = [&UR10E].into_iter().find(|known| known.name == arm).ok_or_else(|| format!("no such arm: {arm}"))?;
     match item {
         "all" => serve(inputs, passes, |input| all(arm, input), show_all),
         "all-verified" => serve(inputs, passes, |input| all_verified(arm, input), show_all),
