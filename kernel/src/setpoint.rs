@@ -9,8 +9,9 @@ pub const JOINT_QUANTUM: f64 = 1.0 / (1_u64 << 36) as f64;
 /// Flow travels on a grid of 1e-12 m³/s (one nanolitre a second).
 pub const FLOW_QUANTUM: f64 = 1e-12;
 
-/// Largest grid index accepted, 2⁴⁰: 16 rad or m. Nothing below it can overflow in the predictor.
-const GRID_MAX: i64 = 1 << 40;
+/// Largest grid index accepted, 2⁴⁶: 1,024 rad or m, for axes that turn often and for long gantries. Nothing below it can
+/// overflow in the predictor, and every index is an exact `f64`.
+const GRID_MAX: i64 = 1 << 46;
 
 /// One sample: where the joints are to be and what flows, at one period after the sample before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -220,6 +221,24 @@ mod tests {
         }
         // 20.9 bytes on this wave; the bound of the wire format is 24 on a printed path.
         assert!(total < 24 * 1000, "{total}");
+    }
+
+    #[test]
+    fn the_grid_reaches_a_thousand_turns_and_metres_and_no_prediction_overflows() {
+        let far = GRID_MAX as f64 * JOINT_QUANTUM;
+        assert_eq!(far, 1024.0);
+        let at = |position: f64| Setpoint::<9> { joints: JointPos([position; 9]), flow: 0.0, deposit: false };
+        let (mut encoder, mut decoder) = (Coder::new(), Coder::new());
+        // A prediction is at most 7 of these: 3·(1 + 1) + 1.
+        for k in 0..64_u32 {
+            let setpoint = at(if 0b1101_0010_0110_1110 >> (k % 16) & 1 == 0 { far } else { -far });
+            let mut bytes = [0; 100];
+            let used = encoder.encode(&setpoint, &mut bytes).unwrap();
+            assert_eq!(decoder.decode(&bytes[..used]), Ok((setpoint, used)));
+        }
+        let beyond = at(far + JOINT_QUANTUM);
+        assert_eq!(encoder.encode(&beyond, &mut [0; 100]), Err(CodeError::Range));
+        assert_eq!(Coder::new().encode(&at(-far - JOINT_QUANTUM), &mut [0; 100]), Err(CodeError::Range));
     }
 
     #[test]

@@ -94,7 +94,10 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
                 self.said = None;
             }
             Err(reason) => {
-                self.drop_incoming();
+                // A stray part of another batch does no harm to the one under way.
+                if part.opens || self.incoming.is_some_and(|incoming| incoming.batch == part.batch) {
+                    self.drop_incoming();
+                }
                 self.say(&FromKernel::Refused { batch: part.batch, reason });
             }
         }
