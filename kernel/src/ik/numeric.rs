@@ -126,3 +126,110 @@ fn inside<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>) -> JointPos<N> {
     }
     inside
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::*;
+    use crate::arm::{Dh, Joint, JointKind, Rating};
+    use crate::arms::ur::UR10E;
+    use std::println;
+
+    /// splitmix64, as a number in [-1, 1].
+    fn random(state: &mut u64) -> f64 {
+        *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = *state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    /// An arm without any right angle; its second joint slides.
+    fn crooked<const N: usize>() -> Arm<N> {
+        let row = |k: usize| {
+            let (sin_alpha, cos_alpha) = libm::sincos(0.3 + k as f64);
+            Dh { theta: 0.2 - k as f64, d: 0.1 + 0.1 * k as f64, a: 0.4 - 0.05 * k as f64, sin_alpha, cos_alpha }
+        };
+        let mut joints = [Joint::REVOLUTE; N];
+        joints[1].kind = JointKind::Prismatic;
+        Arm {
+            name: "crooked",
+            base_from_zero: None,
+            dh: core::array::from_fn(row),
+            joints,
+            last_from_flange: None,
+            position_min: JointPos([-2.0; N]),
+            position_max: JointPos([2.0; N]),
+            velocity_max: Rating::Unknown,
+            acceleration_max: Rating::Unknown,
+        }
+    }
+
+    /// Poses of joints within the limits, from seeds so far from them: how many of a thousand are solved.
+    fn solved<const N: usize>(arm: &Arm<N>, away: f64) -> usize {
+        let mut state = 7;
+        let mut solved = 0;
+        for _ in 0..1000 {
+            let joints = JointPos(core::array::from_fn(|_| 2.0 * random(&mut state)));
+            let seed = JointPos(joints.0.map(|position| position + away * random(&mut state)));
+            let pose = arm.forward(&joints);
+            match nearest(arm, &pose, &seed) {
+                Ok(answer) => {
+                    solved += 1;
+                    assert!(size(&between(&arm.forward(&answer.joints), &pose)) <= RESIDUAL_MAX);
+                    let mut limits = answer.joints.0.iter().zip(arm.position_min.0.iter().zip(&arm.position_max.0));
+                    assert!(limits.all(|(position, (low, high))| low <= position && position <= high), "{answer:?}");
+                    // A redundant arm goes elsewhere, but not far.
+                    assert!(away > 0.1 || distance(&answer.joints, &seed) < 30.0 * away, "{joints:?} {answer:?}");
+                }
+                Err(IkError::NotConverged { residual }) => assert!(residual > RESIDUAL_MAX, "{residual:e}"),
+                Err(error) => panic!("{error:?}"),
+            }
+        }
+        println!("{N} joints, {away} away: {solved} of 1000");
+        solved
+    }
+
+    #[test]
+    fn arms_of_three_to_nine_joints_are_solved_from_near_seeds() {
+        assert!(solved(&crooked::<3>(), 0.1) >= 995);
+        assert!(solved(&crooked::<4>(), 0.1) >= 995);
+        assert!(solved(&crooked::<5>(), 0.1) >= 995);
+        assert!(solved(&crooked::<6>(), 0.1) >= 995);
+        assert!(solved(&crooked::<7>(), 0.1) >= 995);
+        assert!(solved(&crooked::<8>(), 0.1) >= 995);
+        assert!(solved(&crooked::<9>(), 0.1) >= 995);
+        assert!(solved(&UR10E, 0.1) >= 995);
+        assert!(solved(&crooked::<7>(), 1.0) >= 800);
+        assert!(solved(&crooked::<9>(), 1.0) >= 800);
+    }
+
+    #[test]
+    fn steps_end_and_what_is_left_is_told() {
+        let far = Pose::from_translation(3.0, 0.0, 0.5);
+        let error = nearest(&UR10E, &far, &JointPos::ZERO);
+        assert!(
+            matches!(error, Err(IkError::NotConverged { residual }) if (1.0..3.5).contains(&residual)),
+            "{error:?}"
+        );
+        let error = nearest(&crooked::<9>(), &Pose::from_translation(20.0, 0.0, 0.0), &JointPos([0.1; 9]));
+        assert!(
+            matches!(error, Err(IkError::NotConverged { residual }) if (10.0..20.0).contains(&residual)),
+            "{error:?}"
+        );
+        // Four joints do not turn the flange as they like: what is left is an angle.
+        let arm = crooked::<4>();
+        let pose = arm.forward(&JointPos([0.3; 4]));
+        let turned = pose * Pose::from_roll_pitch_yaw(nalgebra::Vector3::zeros(), 0.2, 0.1, -0.2);
+        let error = nearest(&arm, &turned, &JointPos([0.3; 4]));
+        assert!(
+            matches!(error, Err(IkError::NotConverged { residual }) if (0.01..0.3).contains(&residual)),
+            "{error:?}"
+        );
+        assert_eq!(
+            nearest(&arm, &Pose::from_translation(f64::NAN, 0.0, 0.0), &JointPos::ZERO),
+            Err(IkError::NotFinite)
+        );
+    }
+}
