@@ -1,3 +1,4 @@
+use super::error::MANUAL;
 use super::*;
 use nalgebra::{Matrix3, Vector3};
 use screed_kernel::ik::ur;
@@ -27,7 +28,7 @@ fn check(from: &str, to: &str, at: &str, message: &str, remedy: &str) {
     let [finding] = findings(from, to).try_into().unwrap_or_else(|all| panic!("{all:#?}"));
     assert_eq!((finding.place.line, finding.place.column), place(from, to, at), "{finding}");
     assert_eq!(finding.fault.to_string(), message);
-    assert_eq!(finding.fault.remedy(), remedy);
+    assert_eq!(finding.fault.remedy(MANUAL), remedy);
 }
 
 #[test]
@@ -206,7 +207,7 @@ fn a_value_that_cannot_be_is_named_with_what_it_may_be() {
         let [finding] = findings(from, to).try_into().unwrap_or_else(|all| panic!("{all:#?}"));
         let message = finding.fault.to_string();
         assert!(message.ends_with(&format!(": expected {expected_and_found}")), "{message}");
-        assert!(finding.fault.remedy().starts_with("set "), "{}", finding.fault.remedy());
+        assert!(finding.fault.remedy(MANUAL).starts_with("set "), "{}", finding.fault.remedy(MANUAL));
         assert_eq!((finding.place.line, finding.place.column), place(from, to, at), "{finding}");
     }
 }
