@@ -278,22 +278,27 @@ fn turned<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>, seed: &JointPos<N>
     let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
     let given = arm.joints.iter().zip(&seed.0).zip(limits);
     for (joint, (position, ((moved, seed), (&low, &high)))) in (0..N).zip(turned.0.iter_mut().zip(given)) {
-        let revolute = matches!(moved.kind, JointKind::Revolute);
-        let away = *position - seed;
-        // At most one turn, mostly.
-        let near = match revolute {
-            true if away > PI => *position - 2.0 * PI,
-            true if away < -PI => *position + 2.0 * PI,
-            _ => *position,
-        };
-        if low <= near && near <= high && (libm::fabs(near - seed) <= PI || !revolute) {
-            *position = near;
-            continue;
-        }
-        let found = if revolute { full_turns(*position, *seed, low, high) } else { on_limit(*position, low, high) };
-        *position = found.map_err(|(position, by)| Beyond { joint, position, by })?;
+        *position =
+            turn(moved.kind, *position, *seed, low, high).map_err(|(position, by)| Beyond { joint, position, by })?;
     }
     Ok(turned)
+}
+
+/// Turns one joint, if it is revolute; or, with how far it is beyond its limits, as [`full_turns`].
+#[inline]
+fn turn(kind: JointKind, position: f64, seed: f64, low: f64, high: f64) -> Result<f64, (f64, f64)> {
+    let revolute = matches!(kind, JointKind::Revolute);
+    let away = position - seed;
+    // At most one turn, mostly.
+    let near = match revolute {
+        true if away > PI => position - 2.0 * PI,
+        true if away < -PI => position + 2.0 * PI,
+        _ => position,
+    };
+    if low <= near && near <= high && (libm::fabs(near - seed) <= PI || !revolute) {
+        return Ok(near);
+    }
+    if revolute { full_turns(position, seed, low, high) } else { on_limit(position, low, high) }
 }
 
 /// The position plus the count of full turns that puts it nearest to the seed inside the limits; or the position nearest to
