@@ -6,15 +6,17 @@
 #![no_std]
 
 use core::mem::MaybeUninit;
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3};
 use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::correction::CorrectionLimits;
+use screed_kernel::dexterity::Dexterity;
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
 use screed_kernel::guard::{Motion, Periods, output_least};
-use screed_kernel::ik::{self, Branches, IkError};
+use screed_kernel::ik::{self, Answer, Branches, IkError};
 use screed_kernel::pose::Pose;
+use screed_kernel::registration::{PointPair, Registration, RegistrationError, register};
 use screed_kernel::setpoint::{self, CodeError, Coder, Setpoint};
 use screed_kernel::tick::{Command, Kernel, Sensors};
 use screed_kernel::units::{JointPos, Nanos};
@@ -103,6 +105,13 @@ macro_rules! kernel_roots {
                 arm.forward(joints)
             }
 
+            /// [`Dexterity::of`]
+            #[unsafe(export_name = concat!("root_dexterity_", $joints))]
+            pub fn dexterity(jacobian: &Jacobian<$joints>) -> (Dexterity, f64) {
+                let dexterity = Dexterity::of(jacobian);
+                (dexterity, dexterity.condition())
+            }
+
             /// [`Arm::frames`] and [`Arm::jacobian`]
             #[unsafe(export_name = concat!("root_jacobian_", $joints))]
             pub fn jacobian(
@@ -146,7 +155,7 @@ pub fn root_inverse(arm: &Arm<6>, pose: &Pose, seed: &JointPos<6>) -> Result<Bra
 
 /// [`ik::ur::nearest`]
 #[unsafe(no_mangle)]
-pub fn root_nearest(arm: Option<&Arm<6>>, pose: &Pose, seed: &JointPos<6>) -> Result<JointPos<6>, IkError> {
+pub fn root_nearest(arm: Option<&Arm<6>>, pose: &Pose, seed: &JointPos<6>) -> Result<Answer<6>, IkError> {
     ik::ur::nearest(arm.unwrap_or(&UR10E), pose, seed)
 }
 
@@ -156,6 +165,18 @@ pub fn root_pose(a: &Pose, b: &Pose, v: &Vector3<f64>, w: &Vector3<f64>) -> (Pos
     let made = Pose::from_rotation_vector(*v, *w) * Pose::from_roll_pitch_yaw(*v, w.x, w.y, w.z);
     let all = *a * b.inverse() * made * Pose::from_translation(v.x, v.y, v.z) * Pose::identity();
     (all, a.transform_point(v) + all.rotation_vector(), all.is_finite())
+}
+
+/// [`register`], with any count of pairs.
+#[unsafe(no_mangle)]
+pub fn root_register(pairs: &[PointPair]) -> Result<Registration, RegistrationError> {
+    register(pairs)
+}
+
+/// What a registration tells.
+#[unsafe(no_mangle)]
+pub fn root_registration(found: &Registration, pair: &PointPair, sigma: f64) -> (Vector3<f64>, f64, Matrix6<f64>) {
+    (found.residual(pair), found.sigma(), found.covariance(sigma))
 }
 
 /// The grids of the wire.
