@@ -239,7 +239,7 @@ pub enum Unsound {
     Errors,
     /// Limits of corrections are neither all positive nor all zero.
     Correction,
-    /// The tool's pose is not finite.
+    /// A part of the tool's pose is not finite or beyond 1,024 m or rad.
     Tool,
     /// A plane's normal is no unit vector, or its offset is not finite.
     Workspace,
