@@ -236,10 +236,10 @@ macro_rules! inverse_roots {
                 arm: &Arm<$joints>,
                 pose: &Pose,
                 seed: &JointPos<$joints>,
-            ) -> (Result<Branches<$joints>, IkError>, usize, Option<Answer<$joints>>) {
+            ) -> (Result<Branches<$joints>, IkError>, Option<JointPos<$joints>>, Option<Answer<$joints>>) {
                 let found = Family::of(arm).inverse(arm, pose, seed);
                 let nearest = found.as_ref().ok().and_then(|found| found.nearest(seed)).copied();
-                (found, ik::turns(arm, seed).count(), nearest)
+                (found, ik::turns(arm, seed).last(), nearest)
             }
 
             /// [`Family::nearest`]
