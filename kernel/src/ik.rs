@@ -3,7 +3,9 @@
 //! An [`Answer`] says which [`Branch`] it is on and how far from each singularity; an answer close to one is still an answer.
 //! Errors are for poses to which none can be given.
 
+pub mod gantry;
 pub mod ur;
+pub mod wrist;
 
 use crate::arm::{Arm, JointKind};
 use crate::pose::Pose;

@@ -209,3 +209,47 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     // SAFETY: never runs: the function does not exist, and a program with this call in it does not link.
     unsafe { a_panic_is_left_in_the_kernel() }
 }
+
+/// Inverse kinematics of arms with a spherical wrist and of gantries, for an arm with so many joints.
+macro_rules! inverse_roots {
+    ($joints:literal, $module:ident) => {
+        /// The roots for this count of joints.
+        pub mod $module {
+            use super::*;
+
+            /// [`ik::wrist::inverse`]
+            #[unsafe(export_name = concat!("root_wrist_inverse_", $joints))]
+            pub fn wrist_inverse(
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> Result<Branches<$joints>, IkError> {
+                ik::wrist::inverse(arm, pose, seed)
+            }
+
+            /// [`ik::wrist::nearest`]
+            #[unsafe(export_name = concat!("root_wrist_nearest_", $joints))]
+            pub fn wrist_nearest(
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> Result<Answer<$joints>, IkError> {
+                ik::wrist::nearest(arm, pose, seed)
+            }
+
+            /// [`ik::gantry::inverse`], which asks [`ik::gantry::nearest`]
+            #[unsafe(export_name = concat!("root_gantry_inverse_", $joints))]
+            pub fn gantry_inverse(
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> Result<Branches<$joints>, IkError> {
+                ik::gantry::inverse(arm, pose, seed)
+            }
+        }
+    };
+}
+
+inverse_roots!(4, inverse_of_four);
+inverse_roots!(6, inverse_of_six);
+inverse_roots!(9, inverse_of_nine);

@@ -4,6 +4,7 @@
 pub mod fuzz;
 pub mod inverse;
 pub mod program;
+pub mod wrist;
 
 use screed_kernel::arm::{Arm, Dh, Joint, Rating};
 use screed_kernel::correction::CorrectionLimits;
