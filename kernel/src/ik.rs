@@ -273,15 +273,6 @@ fn distance<const N: usize>(a: &JointPos<N>, b: &JointPos<N>) -> f64 {
     a.0.iter().zip(&b.0).fold(0.0, |far: f64, (a, b)| far.max(libm::fabs(a - b)))
 }
 
-/// The least angle between two directions (rad), in [0, π]; no full turns make joints differ by less.
-fn turn_between(a: f64, b: f64) -> f64 {
-    let difference = libm::fabs(a - b);
-    if difference <= PI {
-        return difference;
-    }
-    libm::fabs(difference - 2.0 * PI * libm::round(difference / (2.0 * PI)))
-}
-
 /// [`turned`] of an arm whose joints all turn, where mostly one turn is enough: without branches, it is quick.
 fn turned_about<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>, seed: &JointPos<N>) -> Result<JointPos<N>, Beyond> {
     let mut near = *joints;

@@ -13,19 +13,17 @@
 //! share of the stretched arm. Elbow and wrist: those two sines. A margin below [`FREE`] leaves a joint free: θ₁, θ₄, and θ₂
 //! where upper arm and forearm are of one length and the wrist's centre comes to axis 2.
 
-use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, turn_between, turned};
+use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, turned};
 use crate::arm::{Arm, JointKind};
 use crate::pose::Pose;
 use crate::units::JointPos;
-use core::f64::consts::PI;
+use core::f64::consts::{FRAC_PI_2, PI};
 use nalgebra::{Matrix3, Vector3};
 
 /// Lengths (m) within which rounding, not geometry, decides that a pose is out of reach.
 pub const REACH_TOLERANCE: f64 = 5e-13;
 /// Lengths (m) and sines below which a joint is free, and stays where the seed has it.
 pub const FREE: f64 = 1e-13;
-/// What rounding may add to an angle (rad): nothing is left out for less.
-const ROUNDING: f64 = 1e-12;
 /// How far (m, and as sine or cosine) a table may be from the shape.
 const SHAPE_TOLERANCE: f64 = 1e-14;
 
@@ -45,15 +43,15 @@ pub struct Geometry {
     fore_y: f64,
     fore_angle: f64,
     /// One over the length of the stretched arm from axis 2 to the wrist's centre (1/m).
-    share: f64,
+    stretched: f64,
     /// The senses of the twists: sin α₁, cos α₂, sin α₃, sin α₄, sin α₅, each ±1.
     s1: f64,
     c2: f64,
     s3: f64,
     s4: f64,
     s5: f64,
-    /// By how much a difference of θ₃ may exceed the largest of the joints: 1, or more with a coupling.
-    share3: f64,
+    /// What of a difference of an angle one joint has at least: all of it without a coupling.
+    share: f64,
     /// What the table has of each angle where the joint reads zero (rad).
     offsets: [f64; 6],
     /// Whether a joint moves another one's link.
@@ -78,8 +76,8 @@ pub fn inverse<const N: usize>(
     Geometry::of(arm).ok_or(IkError::OtherShape)?.inverse(arm, base_from_flange, seed)
 }
 
-/// The answer nearest to `seed`, by the largest joint difference. Branches that one joint alone puts farther away than the
-/// best so far are not computed: when the seed is near, one of eight is.
+/// The answer nearest to `seed`, by the largest joint difference. When the seed is nearer than half the way to any other
+/// branch, one of eight is computed.
 ///
 /// # Errors
 /// As [`inverse`].
@@ -129,13 +127,13 @@ impl Geometry {
             fore_x: fore_x / fore,
             fore_y: fore_y / fore,
             fore_angle: libm::atan2(fore_y, fore_x),
-            share: 1.0 / (libm::fabs(two.a) + fore),
+            stretched: 1.0 / (libm::fabs(two.a) + fore),
             s1,
             c2,
             s3,
             s4: sign(four.sin_alpha),
             s5: sign(five.sin_alpha),
-            share3: joints[2].coupling.map_or(1.0, |coupling| 1.0 + libm::fabs(coupling.factor)),
+            share: 1.0 / (1.0 + coupled.clone().fold(0.0, |most: f64, coupling| most.max(libm::fabs(coupling.factor)))),
             offsets: [one.theta, two.theta, three.theta, four.theta, five.theta, six.theta],
             coupled: coupled.count() > 0,
             zero_from_base: arm.base_from_zero.map(|base_from_zero| base_from_zero.inverse()),
@@ -154,30 +152,7 @@ impl Geometry {
         seed: &JointPos<N>,
     ) -> Result<Branches<N>, IkError> {
         check(base_from_flange, seed)?;
-        let goal = Goal::new(self, arm, base_from_flange, seed);
-        let mut found = Branches::empty();
-        let mut missed = Missed::nothing();
-        for shoulder in self.shoulders(&goal)? {
-            let bend = match self.bend(&goal, &shoulder) {
-                Ok(bend) => bend,
-                Err(by) => {
-                    missed.reach(by);
-                    continue;
-                }
-            };
-            let across = Across::new(self, &goal, &shoulder);
-            for side in [Side::Plus, Side::Minus] {
-                let elbow = self.elbow(&goal, &bend, side);
-                let wrist = self.wrist(&goal, &across, &elbow);
-                for wrist in [wrist, wrist.flipped()] {
-                    match self.answer(arm, seed, &shoulder, &elbow, &wrist) {
-                        Ok(answer) => found.push(answer),
-                        Err(beyond) => missed.limit(beyond),
-                    }
-                }
-            }
-        }
-        if found.as_slice().is_empty() { Err(missed.error()) } else { Ok(found) }
+        self.all(arm, &Goal::new(self, arm, base_from_flange, seed), seed)
     }
 
     /// As the free function [`nearest`], for a caller that keeps the geometry.
@@ -192,45 +167,67 @@ impl Geometry {
     ) -> Result<Answer<N>, IkError> {
         check(base_from_flange, seed)?;
         let goal = Goal::new(self, arm, base_from_flange, seed);
-        let [_, _, seed3, _, seed5, _] = goal.seed;
-        let mut best: (f64, Option<Answer<N>>) = (f64::INFINITY, None);
-        let [front, behind] = self.shoulders(&goal)?;
-        let away = |shoulder: &Shoulder| turn_between(shoulder.theta1, goal.seed[0]);
-        let turn = away(&behind) < away(&front);
-        for shoulder in if turn { [behind, front] } else { [front, behind] } {
-            if away(&shoulder) > best.0 + ROUNDING {
-                continue;
-            }
-            let Ok(bend) = self.bend(&goal, &shoulder) else { continue };
-            let across = Across::new(self, &goal, &shoulder);
-            let away = |side: Side| turn_between(self.theta3(&bend, side), seed3);
-            let turn = away(Side::Minus) < away(Side::Plus);
-            for side in if turn { [Side::Minus, Side::Plus] } else { [Side::Plus, Side::Minus] } {
-                if away(side) > (best.0 + ROUNDING) * self.share3 {
+        let guess = self.guess(arm, &goal, seed);
+        if let Some((answer, far, apart)) = &guess
+            && far <= apart
+        {
+            return Ok(*answer);
+        }
+        let all = self.all(arm, &goal, seed)?;
+        match (guess, all.nearest(seed)) {
+            (Some((answer, far, _)), Some(other)) if far <= distance(&other.joints, seed) => Ok(answer),
+            (_, Some(other)) => Ok(*other),
+            // Never: `all` is not empty.
+            (_, None) => Err(IkError::NotFinite),
+        }
+    }
+
+    fn all<const N: usize>(&self, arm: &Arm<N>, goal: &Goal, seed: &JointPos<N>) -> Result<Branches<N>, IkError> {
+        let mut found = Branches::empty();
+        let mut missed = Missed::nothing();
+        for shoulder in self.shoulders(goal)? {
+            let bend = match self.bend(goal, &shoulder) {
+                Ok(bend) => bend,
+                Err(by) => {
+                    missed.reach(by);
                     continue;
                 }
-                let elbow = self.elbow(&goal, &bend, side);
-                let wrist = self.wrist(&goal, &across, &elbow);
-                let flipped = wrist.flipped();
-                let turn = turn_between(flipped.theta5, seed5) < turn_between(wrist.theta5, seed5);
-                for wrist in if turn { [flipped, wrist] } else { [wrist, flipped] } {
-                    if turn_between(wrist.theta5, seed5) > best.0 + ROUNDING {
-                        continue;
-                    }
-                    if let Ok(answer) = self.answer(arm, seed, &shoulder, &elbow, &wrist) {
-                        let distance = distance(&answer.joints, seed);
-                        if distance < best.0 {
-                            best = (distance, Some(answer));
-                        }
+            };
+            let across = Across::new(self, goal, &shoulder);
+            for side in [Side::Plus, Side::Minus] {
+                let elbow = self.elbow(goal, &bend, side);
+                let wrist = self.wrist(goal, &across, &elbow);
+                for wrist in [wrist, wrist.flipped()] {
+                    match self.answer(arm, seed, &shoulder, &elbow, &wrist) {
+                        Ok(answer) => found.push(answer),
+                        Err(beyond) => missed.limit(beyond),
                     }
                 }
             }
         }
-        match best.1 {
-            Some(answer) => Ok(answer),
-            // Only to say why: every branch was tried.
-            None => Err(self.inverse(arm, base_from_flange, seed).err().unwrap_or(IkError::NotFinite)),
+        if found.as_slice().is_empty() { Err(missed.error()) } else { Ok(found) }
+    }
+
+    /// The branch on whose sides the seed is, how far it is from the seed, and half of the least that any other branch
+    /// differs from it in a joint; `None` if it has no answer.
+    ///
+    /// Another branch differs by 2·atan2(r, b) in θ₁, twice the elbow's angle in θ₃ or 2·θ₅, modulo full turns: none less than
+    /// twice its sine. With a coupling two joints may share that.
+    fn guess<const N: usize>(&self, arm: &Arm<N>, goal: &Goal, seed: &JointPos<N>) -> Option<(Answer<N>, f64, f64)> {
+        let [seed1, _, seed3, _, seed5, _] = goal.seed;
+        let side = |angle: f64| Side::of(if libm::fabs(angle) <= PI { angle } else { libm::sin(angle) });
+        let [front, behind] = self.shoulders(goal).ok()?;
+        // Less than a quarter turn away.
+        let shoulder = if side(front.theta1 - seed1 + FRAC_PI_2) == Side::Plus { front } else { behind };
+        let bend = self.bend(goal, &shoulder).ok()?;
+        let elbow = self.elbow(goal, &bend, side(self.c2 * seed3 + self.fore_angle));
+        let mut wrist = self.wrist(goal, &Across::new(self, goal, &shoulder), &elbow);
+        if side(seed5) == Side::Minus {
+            wrist = wrist.flipped();
         }
+        let answer = self.answer(arm, seed, &shoulder, &elbow, &wrist).ok()?;
+        let apart = self.share * shoulder.apart.min(elbow.margin).min(wrist.margin);
+        Some((answer, distance(&answer.joints, seed), apart))
     }
 
     /// θ₁ on both sides: sin θ₁ x − cos θ₁ y of the wrist's centre is b.
@@ -245,7 +242,16 @@ impl Geometry {
             let [theta1, ..] = goal.seed;
             let (sin, cos) = libm::sincos(theta1);
             let x = cos * px + sin * py;
-            let free = Shoulder { side: Side::Plus, theta1, sin, cos, x, margin: distance * self.share, free: true };
+            let free = Shoulder {
+                side: Side::Plus,
+                theta1,
+                sin,
+                cos,
+                x,
+                margin: distance * self.stretched,
+                apart: 0.0,
+                free: true,
+            };
             return Ok([free, Shoulder { side: Side::Minus, ..free }]);
         }
         let ahead = libm::sqrt(((distance - beside) * (distance + beside)).max(0.0));
@@ -254,7 +260,17 @@ impl Geometry {
         let ((sin, cos), (sin_behind, cos_behind)) = (pair(ahead), pair(-ahead));
         let theta1 = libm::atan2(sin, cos);
         let behind = if self.b == 0.0 { opposite(theta1) } else { libm::atan2(sin_behind, cos_behind) };
-        let front = Shoulder { side: Side::Plus, theta1, sin, cos, x: ahead, margin: ahead * self.share, free: false };
+        let apart = if self.b == 0.0 { 1.0 } else { ahead / distance };
+        let front = Shoulder {
+            side: Side::Plus,
+            theta1,
+            sin,
+            cos,
+            x: ahead,
+            margin: ahead * self.stretched,
+            apart,
+            free: false,
+        };
         let (sin, cos) = (sin_behind, cos_behind);
         Ok([front, Shoulder { side: Side::Minus, theta1: behind, sin, cos, x: -ahead, ..front }])
     }
@@ -403,6 +419,8 @@ struct Shoulder {
     cos: f64,
     x: f64,
     margin: f64,
+    /// Sine of half the angle between the two choices, or less.
+    apart: f64,
     free: bool,
 }
 
@@ -619,7 +637,10 @@ mod tests {
                     assert!(side.sign() * expected > -1e-12, "{name} {goal:?}: {answer:?}, {sides:?}");
                 }
                 assert_eq!(answer.joints.0[..N - 6], seed.0[..N - 6], "what carries the arm moved");
-                let way = answer.joints.0.iter().zip(&goal.0).map(|(a, b)| turn_between(*a, *b));
+                let way = answer.joints.0.iter().zip(&goal.0).map(|(a, b)| {
+                    let turns = libm::round((a - b) / (2.0 * PI));
+                    libm::fabs(a - b - 2.0 * PI * turns)
+                });
                 own = own.min(way.fold(0.0, f64::max));
             }
             assert!(own < 1e-9, "{} {goal:?}: not among the answers, {own:e}", arm.name);
@@ -640,6 +661,38 @@ mod tests {
         }
         leads_back(&crane::CRANE_NJ130, &mut random);
         leads_back(&carried(&twisted()), &mut random);
+    }
+
+    #[test]
+    fn on_a_singularity_the_free_joint_is_the_seeds() {
+        let mut random = Random(11);
+        // Folded, this one's wrist comes to axis 2, in front of axis 1.
+        let mut ahead = EVEN;
+        ahead.dh[0].a = 0.3;
+        for _ in 0..1_000 {
+            let seed = JointPos(core::array::from_fn(|_| random.between(-3.0, 3.0)));
+            let [roll, pitch, yaw] = core::array::from_fn(|_| random.between(-3.0, 3.0));
+            let turned = |x: f64, y: f64, z: f64| {
+                let pose = Pose::from_roll_pitch_yaw(Vector3::new(x, y, z), roll, pitch, yaw);
+                pose * Pose::from_translation(0.0, 0.0, 0.1)
+            };
+            for (arm, pose, joint) in [
+                (&EVEN, turned(0.0, 0.0, 1.5), 0),
+                (&EVEN, turned(5e-14, -3e-14, -0.2), 0),
+                (&ahead, turned(0.3, 0.0, 0.5), 1),
+                (&ODD, ODD.forward(&JointPos([roll, pitch, 1.0, yaw, -ODD.dh[4].theta, 2.0])), 3),
+            ] {
+                let all = inverse(arm, &pose, &seed).unwrap();
+                let free = all.as_slice().iter().filter(|answer| answer.free == Some(joint));
+                assert!(free.clone().count() >= 2, "{joint}: {all:?}");
+                for answer in free {
+                    assert!(libm::fabs(answer.joints.0[joint] - seed.0[joint]) < 1e-15);
+                    assert!(miss(arm, answer, &pose) < 5e-13, "{answer:?}");
+                }
+                let tracked = nearest(arm, &pose, &seed).unwrap();
+                assert_eq!(distance(&tracked.joints, &seed), distance(&all.nearest(&seed).unwrap().joints, &seed));
+            }
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@ pub mod fuzz;
 pub mod inverse;
 pub mod motion;
 pub mod program;
+pub mod wrist;
 
 use screed_kernel::arm::{Arm, Dh, Joint, Rating};
 use screed_kernel::correction::CorrectionLimits;
