@@ -7,7 +7,8 @@
 mod common;
 
 use common::inverse::{Found, UR};
-use screed_kernel::arms::ur;
+use common::wrist;
+use screed_kernel::arms::{gantry, ur};
 use std::time::Instant;
 
 /// Seeds that the tests do not use.
@@ -26,7 +27,7 @@ const SINGULAR: [(&str, &[usize]); 7] = [
 fn row(name: &str, what: &str, found: &Found) {
     let Found { poses, answers, free, position, rotation, joints } = found;
     println!(
-        "{name:<8} {what:<16} {poses:>9} {answers:>10} {free:>9} {position:>9.1e} {rotation:>9.1e} {joints:>9.1e}"
+        "{name:<16} {what:<16} {poses:>9} {answers:>10} {free:>9} {position:>9.1e} {rotation:>9.1e} {joints:>9.1e}"
     );
 }
 
@@ -38,7 +39,7 @@ fn main() {
         "joints: the way from a pose's own joints to the answer on their branch, times the product of the margins"
     );
     println!(
-        "{:<8} {:<16} {:>9} {:>10} {:>9} {:>9} {:>9} {:>9}",
+        "{:<16} {:<16} {:>9} {:>10} {:>9} {:>9} {:>9} {:>9}",
         "arm", "poses at", "poses", "answers", "free", "m", "rad", "joints"
     );
     for (arm, seed) in ur::ALL.iter().zip(FIRST_SEED..) {
@@ -48,5 +49,16 @@ fn main() {
             row(arm.name, what, &UR.singular(arm, which, seed, 2 * singular));
         }
     }
+    for (arm, seed) in wrist::ARMS.iter().zip(FIRST_SEED + 100..) {
+        let count = random.div_ceil(2 * wrist::ARMS.len() as u64);
+        row(arm.name, "random", &wrist::family().random(arm, seed, count));
+        let arm = &wrist::wide(*arm);
+        row(arm.name, "random, any turn", &wrist::family().random(arm, seed, count));
+        for (what, which) in SINGULAR {
+            row(arm.name, what, &wrist::family().singular(arm, which, seed, 2 * singular));
+        }
+    }
+    row("crane", "random", &wrist::on_the_crane(FIRST_SEED + 200, random.div_ceil(10)));
+    row("gantry", "random", &wrist::GANTRY.random(&gantry::CONTOUR_CRAFTER, FIRST_SEED + 201, random));
     println!("in {:.0} s", began.elapsed().as_secs_f64());
 }

@@ -2,9 +2,10 @@
 #![allow(dead_code)] // Each test takes what it needs.
 
 pub mod fuzz;
-pub mod motion;
 pub mod inverse;
+pub mod motion;
 pub mod program;
+pub mod wrist;
 
 use screed_kernel::arm::{Arm, Dh, Joint, Rating};
 use screed_kernel::correction::CorrectionLimits;
