@@ -5,8 +5,8 @@
 
 mod error;
 mod kernel;
-mod keys;
-mod read;
+pub(crate) mod keys;
+pub(crate) mod read;
 mod sections;
 #[cfg(test)]
 mod tests;

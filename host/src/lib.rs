@@ -8,5 +8,6 @@ pub mod link;
 pub mod log;
 pub mod model;
 pub mod plan;
+pub mod robot;
 pub mod run;
 pub mod sim;

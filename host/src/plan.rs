@@ -104,7 +104,8 @@ impl Plan {
         })?;
         let others = inverse(&JointPos::ZERO);
         let others = others.iter().flat_map(|others| others.as_slice());
-        let mut branches: Vec<_> = found.as_slice().iter().chain(others).map(on_grid).collect();
+        let mut branches: Vec<_> =
+            found.as_slice().iter().chain(others).map(|answer| on_grid(&answer.joints)).collect();
         let turn = |joints: &JointPos<6>| {
             joints.0.iter().zip(&self.start.0).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
         };

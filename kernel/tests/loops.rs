@@ -4,6 +4,7 @@
 mod common;
 
 use common::Random;
+use screed_kernel::dexterity::SWEEPS_MAX;
 use screed_kernel::frame::{self, BatchPart, CODE_MAX, FRAME_MAX, JOINTS_MAX, ToKernel, WIRE_MAX};
 use screed_kernel::guard::PLANES_MAX;
 use screed_kernel::ring::{EXTENTS_MAX, Ring, RingError};
@@ -140,6 +141,7 @@ fn the_constants_have_the_listed_values() {
     for (name, value) in [
         ("JOINTS_MAX", JOINTS_MAX),
         ("PLANES_MAX", PLANES_MAX),
+        ("SWEEPS_MAX", SWEEPS_MAX),
         ("EXTENTS_MAX", EXTENTS_MAX),
         ("RECEIVE_MAX", RECEIVE_MAX),
         ("FRAME_MAX", FRAME_MAX),

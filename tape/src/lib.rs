@@ -132,7 +132,7 @@ impl Tape {
                 *position += self.random.between(-0.3, 0.3);
             }
             match ik::ur::nearest(&ARM, &Pose { rotation, translation }, &seed) {
-                Ok(found) => found.0.iter().for_each(|position| self.outcome.hash.number(*position)),
+                Ok(found) => found.joints.0.iter().for_each(|position| self.outcome.hash.number(*position)),
                 Err(_) => self.outcome.hash.integer(1),
             }
         }

@@ -10,10 +10,11 @@ use nalgebra::{Matrix6, Vector3};
 use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::correction::CorrectionLimits;
+use screed_kernel::dexterity::Dexterity;
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
 use screed_kernel::guard::{Motion, Periods, output_least};
-use screed_kernel::ik::{self, Branches, IkError};
+use screed_kernel::ik::{self, Answer, Branches, IkError};
 use screed_kernel::pose::Pose;
 use screed_kernel::registration::{PointPair, Registration, RegistrationError, register};
 use screed_kernel::setpoint::{self, CodeError, Coder, Setpoint};
@@ -104,6 +105,13 @@ macro_rules! kernel_roots {
                 arm.forward(joints)
             }
 
+            /// [`Dexterity::of`]
+            #[unsafe(export_name = concat!("root_dexterity_", $joints))]
+            pub fn dexterity(jacobian: &Jacobian<$joints>) -> (Dexterity, f64) {
+                let dexterity = Dexterity::of(jacobian);
+                (dexterity, dexterity.condition())
+            }
+
             /// [`Arm::frames`] and [`Arm::jacobian`]
             #[unsafe(export_name = concat!("root_jacobian_", $joints))]
             pub fn jacobian(
@@ -147,7 +155,7 @@ pub fn root_inverse(arm: &Arm<6>, pose: &Pose, seed: &JointPos<6>) -> Result<Bra
 
 /// [`ik::ur::nearest`]
 #[unsafe(no_mangle)]
-pub fn root_nearest(arm: Option<&Arm<6>>, pose: &Pose, seed: &JointPos<6>) -> Result<JointPos<6>, IkError> {
+pub fn root_nearest(arm: Option<&Arm<6>>, pose: &Pose, seed: &JointPos<6>) -> Result<Answer<6>, IkError> {
     ik::ur::nearest(arm.unwrap_or(&UR10E), pose, seed)
 }
 

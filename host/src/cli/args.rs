@@ -197,10 +197,10 @@ pub enum SimCommand {
 /// `screed sim ur`
 #[derive(Clone, Debug, PartialEq, clap::Args)]
 pub struct SimUrArgs {
-    /// The robot
-    #[arg(long, value_name = "NAME", default_value = "ur10e")]
-    pub model: String,
-    /// The cell file that gives its start joints, tool and program; without it, the demo's cell
+    /// The robot, one of `screed robot list`; without it, the cell's
+    #[arg(long, value_name = "NAME")]
+    pub model: Option<String>,
+    /// The cell file that gives robot, start joints, tool and program; without it, the demo's cell
     #[arg(long, value_name = "FILE.toml")]
     pub cell: Option<PathBuf>,
     /// Where to listen

@@ -49,7 +49,7 @@ impl Tooling {
     /// # Errors
     /// As [`ur::nearest`].
     pub fn joints_at(&self, point_in_part: &Point, seed: &JointPos<6>) -> Result<JointPos<6>, IkError> {
-        ur::nearest(&self.arm, &self.flange_at(point_in_part), seed).map(|joints| on_grid(&joints))
+        ur::nearest(&self.arm, &self.flange_at(point_in_part), seed).map(|answer| on_grid(&answer.joints))
     }
 
     /// Whether joints hold the tool in its one direction, to 1e-6 rad.

@@ -3,6 +3,7 @@
 
 pub mod fuzz;
 pub mod motion;
+pub mod inverse;
 pub mod program;
 
 use screed_kernel::arm::{Arm, Dh, Joint, Rating};
