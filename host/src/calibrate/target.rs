@@ -10,7 +10,7 @@
 use super::least_squares::{System, gauss_newton};
 use super::pose_fit::{PoseResidual, Prediction, TrackerNoise, fill, twist, twisted};
 use super::{CalibrateError, Fit, swing};
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Matrix6xX, SMatrix, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Matrix6xX, SMatrix, Vector3, Vector6};
 use screed_kernel::pose::Pose;
 
 /// The fewest poses: two motions between them.
@@ -177,10 +177,10 @@ impl Frames {
     }
 }
 
-/// The rotation nearest to a matrix that is one but for noise and a factor; `None` when nothing of it is a rotation.
+/// The rotation nearest to a matrix, which is one but for noise and a factor where the poses belong together.
 fn nearest_rotation(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let svd = matrix.svd(true, true);
     let (u, v_t) = (svd.u?, svd.v_t?);
-    let rotation = u * v_t;
-    (rotation.determinant() > 0.0).then_some(rotation)
+    let handed = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum()));
+    Some(u * handed * v_t)
 }

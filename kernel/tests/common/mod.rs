@@ -2,8 +2,8 @@
 #![allow(dead_code)] // Each test takes what it needs.
 
 pub mod fuzz;
-pub mod motion;
 pub mod inverse;
+pub mod motion;
 pub mod program;
 
 use screed_kernel::arm::{Arm, Dh, Joint, Rating};
