@@ -72,7 +72,8 @@ struct PoseEntry {
 }
 
 impl TcpFile {
-    /// base_from_flange of each touch, and the standard deviation of a coordinate where it is given (m). `arm` is the file's robot.
+    /// base_from_flange of each touch, and the standard deviation of a coordinate where it is given (m). `arm` is the
+    /// file's robot.
     ///
     /// # Errors
     /// [`FileError::Value`].

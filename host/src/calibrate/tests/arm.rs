@@ -55,8 +55,8 @@ fn gantry() -> Arm<6> {
     arm(rows, [slide, slide, slide, turn, turn, turn])
 }
 
-/// Without a right angle or zero, its second joint slides, its third row is nearly parallel, its last joint is coupled; between
-/// shifted frames.
+/// Without a right angle or zero, its second joint slides, its third row is nearly parallel, its last joint is coupled;
+/// between shifted frames.
 fn crooked<const N: usize>() -> Arm<N> {
     let row = |k: usize| {
         let (sin_alpha, cos_alpha) = libm::sincos(if k == 2 { 0.05 } else { 0.3 + k as f64 });
@@ -289,8 +289,8 @@ fn exact_measurements_give_the_arm_to_rounding() {
     exact_measurements_lead_back::<9>(&mut random, &arm(rows, joints));
 }
 
-/// The aim of all this: tool errors of 0.3 mm, 60 poses with the published noise of the tracker, less than 0.05 mm left at other
-/// poses. With half the maximum permissible error as standard deviation, and with all of it.
+/// The aim of all this: tool errors of 0.3 mm, 60 poses with the published noise of the tracker, less than 0.05 mm left
+/// at other poses. With half the maximum permissible error as standard deviation, and with all of it.
 #[test]
 fn planted_errors_of_0_3_mm_leave_less_than_0_05_mm() {
     const RUNS: u64 = 25;
@@ -322,8 +322,8 @@ fn planted_errors_of_0_3_mm_leave_less_than_0_05_mm() {
     }
 }
 
-/// Normalised squared errors of the estimates against χ². The truth is what the same poses give without noise: where rows cannot be
-/// told apart, the errors planted show in those that are sought.
+/// Normalised squared errors of the estimates against χ². The truth is what the same poses give without noise: where
+/// rows cannot be told apart, the errors planted show in those that are sought.
 #[test]
 fn planted_errors_come_back_within_their_covariance() {
     const RUNS: usize = 100;
