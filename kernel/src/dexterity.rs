@@ -62,7 +62,8 @@ impl Dexterity {
 fn sweep<const R: usize, const C: usize>(rows: &mut [[f64; C]; R]) -> bool {
     let mut turned = false;
     let mut rest = rows.as_mut_slice();
-    while let Some((first, others)) = rest.split_first_mut() {
+    for _ in 0..R {
+        let Some((first, others)) = rest.split_first_mut() else { break };
         for other in others.iter_mut() {
             turned |= make_square(first, other);
         }

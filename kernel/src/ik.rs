@@ -3,7 +3,14 @@
 //! An [`Answer`] says which [`Branch`] it is on and how far from each singularity; an answer close to one is still an answer.
 //! Errors are for poses to which none can be given.
 
+pub mod calibrated;
+mod family;
+pub mod gantry;
+pub mod numeric;
 pub mod ur;
+pub mod wrist;
+
+pub use family::Family;
 
 use crate::arm::{Arm, JointKind};
 use crate::pose::Pose;
@@ -170,6 +177,12 @@ impl<const N: usize> Branches<N> {
         Self { answers: [none; 8], len: 0 }
     }
 
+    fn one(answer: Answer<N>) -> Self {
+        let mut one = Self::empty();
+        one.push(answer);
+        one
+    }
+
     fn push(&mut self, answer: Answer<N>) {
         if let Some(slot) = self.answers.get_mut(self.len) {
             *slot = answer;
@@ -257,6 +270,15 @@ fn check<const N: usize>(pose: &Pose, seed: &JointPos<N>) -> Result<(), IkError>
 /// The largest joint difference (rad, m).
 fn distance<const N: usize>(a: &JointPos<N>, b: &JointPos<N>) -> f64 {
     a.0.iter().zip(&b.0).fold(0.0, |far: f64, (a, b)| far.max(libm::fabs(a - b)))
+}
+
+/// The least angle between two directions (rad), in [0, π]; no full turns make joints differ by less.
+fn turn_between(a: f64, b: f64) -> f64 {
+    let difference = libm::fabs(a - b);
+    if difference <= PI {
+        return difference;
+    }
+    libm::fabs(difference - 2.0 * PI * libm::round(difference / (2.0 * PI)))
 }
 
 /// Turns each revolute joint by full turns to lie nearest to the seed and inside the limits, or names the joint that cannot.
