@@ -7,6 +7,7 @@ mod demo;
 mod log;
 mod plan;
 mod print;
+mod robot;
 mod sim;
 mod tape;
 
@@ -14,7 +15,7 @@ use crate::failure::{Exit, Failure};
 use crate::model::fim::{self, FimModel};
 use crate::run::children::VERSION;
 use crate::run::rt::{self, RtArgs};
-use args::{CalibrateCommand, CheckArgs, DemoArgs, LogArgs, PlanArgs, PrintArgs, SimCommand};
+use args::{CalibrateCommand, CheckArgs, DemoArgs, LogArgs, PlanArgs, PrintArgs, RobotCommand, SimCommand};
 use clap::{Parser, Subcommand};
 use std::io::{ErrorKind, Write};
 use std::path::Path;
@@ -46,6 +47,9 @@ enum Command {
     Calibrate(CalibrateCommand),
     /// Read a cycle log
     Log(LogArgs),
+    /// Name robots, show one, or prove a description of one
+    #[command(subcommand)]
+    Robot(RobotCommand),
     /// Run a simulated machine
     #[command(subcommand)]
     Sim(SimCommand),
@@ -79,6 +83,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Check(args) => check::run(args),
         Command::Calibrate(command) => calibrate::run(command),
         Command::Log(args) => log::run(args),
+        Command::Robot(command) => robot::run(command),
         Command::Sim(SimCommand::Ur(args)) => sim::ur(args),
         Command::Sim(SimCommand::Extruder(args)) => sim::extruder(args),
     }

@@ -11,3 +11,4 @@ pub mod plan;
 pub mod robot;
 pub mod run;
 pub mod sim;
+mod svg;

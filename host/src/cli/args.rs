@@ -185,6 +185,73 @@ pub struct LogArgs {
     pub csv: Option<Option<PathBuf>>,
 }
 
+/// `screed robot`
+#[derive(Clone, Debug, PartialEq, clap::Subcommand)]
+pub enum RobotCommand {
+    /// The robots of the catalogue
+    List(RobotListArgs),
+    /// Print a robot: table, ranges, ratings
+    Show(RobotShowArgs),
+    /// Prove a robot: round trips, Jacobian, reach
+    Check(RobotCheckArgs),
+}
+
+/// `screed robot list`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct RobotListArgs {
+    /// As JSON, with the whole tables
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Which robot.
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct RobotOf {
+    /// A name of the catalogue, an arm file (.toml) or a URDF (.urdf, .xml)
+    #[arg(value_name = "ROBOT")]
+    pub robot: String,
+    /// The calibration of a UR unit: the controller's .conf or ur_calibration's .yaml
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    /// The base link of a URDF; without it, the root
+    #[arg(long, value_name = "LINK")]
+    pub base: Option<String>,
+    /// The tip link of a URDF, the flange; without it, the only end that the most joints move
+    #[arg(long, value_name = "LINK")]
+    pub tip: Option<String>,
+}
+
+/// `screed robot show`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct RobotShowArgs {
+    /// Which robot
+    #[command(flatten)]
+    pub robot: RobotOf,
+    /// As JSON, in SI units
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `screed robot check`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct RobotCheckArgs {
+    /// Which robot
+    #[command(flatten)]
+    pub robot: RobotOf,
+    /// How many joint vectors to draw
+    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = samples)]
+    pub count: usize,
+    /// The seed they follow from
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Draw where the flange can be
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// As JSON, in SI units
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// `screed sim`
 #[derive(Clone, Debug, PartialEq, clap::Subcommand)]
 pub enum SimCommand {
@@ -265,6 +332,13 @@ fn seconds(text: &str) -> Result<Duration, String> {
         Ok(Duration::from_secs_f64(seconds))
     } else {
         Err("expected more than 0 and at most 2600000 seconds".to_owned())
+    }
+}
+
+fn samples(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if (1..=10_000_000).contains(&count) => Ok(count),
+        _ => Err("expected a whole number from 1 to 10000000".to_owned()),
     }
 }
 

@@ -4,6 +4,7 @@ use super::error::{Fault, Finding};
 use super::keys::{Number, UNIT_SUFFIXES, Unit};
 use crate::failure::Excerpt;
 use std::ops::{Range, RangeInclusive};
+use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -28,6 +29,11 @@ impl<'a> Document<'a> {
             (error.span().unwrap_or(0..0), Fault::Syntax { message: error.message().to_owned() })
         };
         Self { file, text, root: root.into_inner(), findings: errors.into_iter().map(finding).collect() }
+    }
+
+    /// The folder of the file, for paths in it.
+    pub fn folder(&self) -> &'a Path {
+        Path::new(self.file).parent().unwrap_or(Path::new(""))
     }
 
     /// Whether anything was found wrong so far.

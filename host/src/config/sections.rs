@@ -4,13 +4,14 @@
 use super::keys;
 use super::read::{Document, Section};
 use super::{Bound, Cell, Extruder, Limits, Link, LinkKind, Part, Realtime, Robot, Tool, Travel};
+use crate::robot::calibration::{self, Calibrated};
 use nalgebra::Vector3;
 use screed_kernel::arm::{Arm, Rating};
 use screed_kernel::arms::ur;
 use screed_kernel::guard::Plane;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::{JointAcc, JointJerk, JointPos, JointVel};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The rates that RTDE setpoints can have here (Hz).
 pub(super) const RATES_HZ: [i64; 2] = [125, 500];
@@ -49,8 +50,10 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
 }
 
 fn robot(document: &mut Document<'_>) -> Option<Robot> {
+    let folder = document.folder();
     let mut section = document.section("robot");
     let arm = arm(&mut section);
+    let calibration = calibration(&mut section, folder, arm.as_ref());
     let simulated = section.boolean("simulated");
     let start = section.numbers(&keys::START);
     let velocity = velocity(&mut section, arm.as_ref());
@@ -59,13 +62,15 @@ fn robot(document: &mut Document<'_>) -> Option<Robot> {
     let following_error_max = section.number(&keys::FOLLOWING_ERROR);
     let deviation_max = section.number_if_given(&keys::DEVIATION);
     section.finish();
-    let (mut arm, velocity) = (arm?, JointVel(velocity?));
+    let (nominal, velocity, calibration) = (arm?, JointVel(velocity?), calibration?);
+    let mut arm = calibration.map_or(nominal, |unit| unit.arm);
     if arm.velocity_max == Rating::Unknown {
         arm.velocity_max = Rating::Known(velocity);
     }
     Some(Robot {
         model: arm.name.to_owned(),
         arm,
+        calibration,
         simulated: simulated?,
         start: JointPos(start?),
         joint_velocity_max: velocity,
@@ -84,6 +89,18 @@ fn arm(section: &mut Section<'_, '_>) -> Option<Arm<6>> {
     }
     let names: Vec<_> = ur::ALL.iter().map(|arm| arm.name).collect();
     section.impossible("model", &format!("one of {}", names.join(", ")), &format!("{model:?}"))
+}
+
+/// Without the key, the nominal arm.
+fn calibration(section: &mut Section<'_, '_>, folder: &Path, arm: Option<&Arm<6>>) -> Option<Option<Calibrated>> {
+    let Some(file) = section.text_if_given("calibration")? else { return Some(None) };
+    match calibration::load(&folder.join(file), arm?) {
+        Ok(unit) => Some(Some(unit)),
+        Err(error) => {
+            let expected = format!("the calibration of a unit of {}", arm?.name);
+            section.impossible("calibration", &expected, &error.to_string())
+        }
+    }
 }
 
 /// Where a data sheet gives speeds, at most those, and those when the key is absent; where none does, the key must be there.

@@ -226,6 +226,34 @@ fn speeds_that_no_data_sheet_gives_stand_in_the_cell() {
 }
 
 #[test]
+fn a_calibration_lies_beside_the_cell_file_and_is_judged() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("cell.toml");
+    let text = Cell::demo_text(125).unwrap_or_else(|error| panic!("{error}"));
+    let with = text.replacen("model = \"ur10e\"\n", "model = \"ur10e\"\ncalibration = \"unit.conf\"\n", 1);
+    std::fs::write(&file, with).expect("a file");
+    let error = load(&file).expect_err("no such calibration").to_string();
+    assert!(error.contains("calibration: expected the calibration of a unit of ur10e, found cannot read"), "{error}");
+    let lists = |d: f64| {
+        format!(
+            "delta_theta = {0}\ndelta_a = {0}\ndelta_d = [0, 0, 0, 0, 0, {d}]\ndelta_alpha = {0}\n",
+            "[0, 0, 0, 0, 0, 0]"
+        )
+    };
+    let calibration =
+        |d| std::fs::write(folder.path().join("unit.conf"), format!("[mounting]\n{}", lists(d))).expect("a file");
+    calibration(0.003);
+    let unit = load(&file).unwrap_or_else(|error| panic!("{error}")).robot;
+    assert!(
+        (unit.arm.dh[5].d - 0.11955).abs() < 1e-15
+            && unit.calibration.is_some_and(|unit| (unit.deviation_max - 0.003).abs() < 1e-6)
+    );
+    calibration(0.3);
+    let error = load(&file).expect_err("300 mm off").to_string();
+    assert!(error.contains("it moves the flange by 300.0 mm on average"), "{error}");
+}
+
+#[test]
 fn everything_missing_is_reported_at_once() {
     let ConfigError::Invalid { findings } = parse("cell.toml", "name = \"empty\"").expect_err("an empty cell") else {
         panic!("another error")

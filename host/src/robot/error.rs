@@ -18,7 +18,7 @@ pub enum RobotError {
         /// As asked for.
         name: String,
         /// What there is.
-        known: Vec<&'static str>,
+        known: Vec<String>,
     },
     /// The file cannot be read.
     #[error("cannot read {}: {source}", file.display())]

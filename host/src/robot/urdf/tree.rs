@@ -36,6 +36,9 @@ pub(super) struct UrdfJoint {
     pub has_soft_limits: bool,
 }
 
+/// The joints of a way that move, each with its pose in the frame of the one before, and the end in the last one's frame.
+pub(super) type Path<'a> = (Vec<(Pose, &'a UrdfJoint)>, Pose);
+
 /// Position = multiplier · position of another joint + offset.
 #[derive(Clone, Debug)]
 pub(super) struct Mimic {
@@ -272,7 +275,7 @@ impl Tree {
 
     /// The joints from base to tip that move, each with its pose in the frame of the one before (or of the base), and the tip
     /// in the last one's.
-    pub fn path(&self, base: &str, tip: &str) -> Result<(Vec<(Pose, &UrdfJoint)>, Pose), Located> {
+    pub fn path(&self, base: &str, tip: &str) -> Result<Path<'_>, Located> {
         let (up, down) = (self.to_root(base).unwrap_or_default(), self.to_root(tip).unwrap_or_default());
         // Above their common ancestor both paths are the same.
         let shared = up.iter().rev().zip(down.iter().rev()).take_while(|(a, b)| a.name == b.name).count();
