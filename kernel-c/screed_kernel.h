@@ -47,7 +47,7 @@ typedef struct {
     double actual[SCREED_JOINTS];     /* actual joint positions as the robot says them (rad) */
     double estimate[SCREED_JOINTS];   /* joint positions by an estimator (rad); only if has_estimate is not 0 */
     double correction[SCREED_JOINTS]; /* joint offsets to add to the path (rad); only if has_correction is not 0 */
-    uint8_t ready;                    /* not 0: the robot takes setpoints now */
+    uint8_t ready;                    /* not 0: the robot takes setpoints now, and all else works that has to */
     uint8_t has_estimate;             /* 0: there is no estimator */
     uint8_t has_correction;           /* 0: corrections under way are taken out, within their limits */
 } screed_sensors;
@@ -113,7 +113,8 @@ void screed_kernel_host_changed(screed_kernel *kernel);
 /* The link to the robot is gone: where it is, is no longer known, and the ring is dropped. */
 void screed_kernel_robot_lost(screed_kernel *kernel);
 
-/* The extruder failed: stops on the path as for a fault of the kernel's own. */
+/* The extruder failed: stops on the path as for a fault of the kernel's own. While the kernel is unready nothing happens: keep
+ * `ready` of the sensors 0 for as long as the extruder does not work. */
 void screed_kernel_extruder_failed(screed_kernel *kernel);
 
 /* Comes to rest, then screed_kernel_may_quit() is not 0. */

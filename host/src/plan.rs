@@ -27,7 +27,6 @@ use moves::{Move, MoveKind};
 use path::Point;
 use route::Route;
 use screed_kernel::guard::{Quantity, Violation};
-use screed_kernel::ik::ur;
 use screed_kernel::units::JointPos;
 use stream::{Batches, Setpoint};
 use tooling::{Tooling, on_grid};
@@ -97,7 +96,8 @@ impl Plan {
             _ => return Ok(Vec::new()),
         };
         let layer = self.moves.first().map_or(0, |step| step.layer);
-        let inverse = |seed: &JointPos<6>| ur::inverse(&self.tooling.arm, &self.tooling.flange_at(&above), seed);
+        let Tooling { arm, family, .. } = &self.tooling;
+        let inverse = |seed: &JointPos<6>| family.inverse(arm, &self.tooling.flange_at(&above), seed);
         let found = inverse(&self.start).map_err(|why| PlanError::OutOfReach {
             place: Box::new(self.place(MoveKind::Approach, layer, Some(above), None)),
             why,

@@ -189,7 +189,10 @@ impl<const N: usize> Arm<N> {
         }
         for link in self.links(joints).rev() {
             let (sin, cos) = libm::sincos(link.theta);
-            points = points.map(|point| link.point(sin, cos, &point));
+            // Not by `map`, which is a call and two copies for each point.
+            for point in &mut points {
+                *point = link.point(sin, cos, point);
+            }
         }
         if let Some(base_from_zero) = &self.base_from_zero {
             outward(base_from_zero, &mut points);

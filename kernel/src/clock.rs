@@ -95,7 +95,10 @@ impl<const N: usize> PathClock<N> {
 
     /// Advances by one tick of `period` s, which is `samples` sample periods, in (0, 1].
     pub fn advance<const CAP: usize>(&mut self, ring: &mut Ring<N, CAP>, period: f64, samples: f64) -> Played<N> {
-        let moved = samples * self.rate.step(self.target, &RATE_LIMITS, period);
+        let mean = self.rate.step(self.target, &RATE_LIMITS, period);
+        // The ramp stays between its targets but for rounding, and 0 and 1 are no place for that: nothing is played backwards.
+        self.rate.value = self.rate.value.clamp(0.0, 1.0);
+        let moved = samples * mean.clamp(0.0, 1.0);
         let phase = self.phase + moved;
         let mut flow = self.next_flow();
         if phase >= 1.0 - PHASE_ROUNDING {
@@ -215,6 +218,25 @@ mod tests {
         for w in rates.windows(3) {
             assert!((w[1] - w[2]) / PERIOD <= RATE_SLOPE_MAX * 1.000_001 && w[2] <= w[1]);
             assert!((w[2] - 2.0 * w[1] + w[0]).abs() / (PERIOD * PERIOD) <= RATE_CURVATURE_MAX * 1.000_001, "{w:?}");
+        }
+    }
+
+    #[test]
+    fn whatever_the_targets_are_nothing_is_played_backwards_or_faster_than_planned() {
+        let mut seed = 1_u64;
+        let mut random = move || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (seed >> 33) as f64 / (1_u64 << 31) as f64
+        };
+        for period in [0.001, 0.002, 0.004, 0.007, 0.008] {
+            let (mut ring, mut clock) = moving(500);
+            for _ in 0..20_000 {
+                assert!(clock.set_target([0.0, 1.0, random()][(random() * 3.0) as usize]));
+                for _ in 0..(random() * random() * 1.5 / period) as usize {
+                    let played = clock.advance(&mut ring, period, 1e-6);
+                    assert!((0.0..=1.0).contains(&clock.rate()) && played.flow >= 0.0, "{} {played:?}", clock.rate());
+                }
+            }
         }
     }
 

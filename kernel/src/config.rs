@@ -67,6 +67,8 @@ impl<const N: usize> Config<N> {
         let arms = arm.position_min.0.iter().zip(&arm.position_max.0);
         let low_high = position_min.0.iter().zip(&position_max.0).zip(arms);
         let inner = inside.position_min.0.iter().zip(&inside.position_max.0);
+        // An arm's own may be infinite, for a joint that turns without end.
+        sound(position_min.is_finite() && position_max.is_finite(), Unsound::Positions)?;
         sound(
             low_high.into_iter().all(|((low, high), (least, most))| within(least, low) && within(high, most))
                 && inner.into_iter().all(|(low, high)| low < high),

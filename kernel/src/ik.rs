@@ -3,9 +3,14 @@
 //! An [`Answer`] says which [`Branch`] it is on and how far from each singularity; an answer close to one is still an answer.
 //! Errors are for poses to which none can be given.
 
+pub mod calibrated;
+mod family;
 pub mod gantry;
+pub mod numeric;
 pub mod ur;
 pub mod wrist;
+
+pub use family::Family;
 
 use crate::arm::{Arm, JointKind};
 use crate::pose::Pose;
@@ -170,6 +175,12 @@ impl<const N: usize> Branches<N> {
     const fn empty() -> Self {
         let none = Answer { joints: JointPos::ZERO, branch: None, margins: None, free: None };
         Self { answers: [none; 8], len: 0 }
+    }
+
+    fn one(answer: Answer<N>) -> Self {
+        let mut one = Self::empty();
+        one.push(answer);
+        one
     }
 
     fn push(&mut self, answer: Answer<N>) {

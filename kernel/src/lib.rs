@@ -16,6 +16,7 @@ pub mod interpolate;
 pub mod mode;
 pub mod pose;
 pub mod ramp;
+pub mod registration;
 pub mod ring;
 pub mod setpoint;
 #[cfg(test)]

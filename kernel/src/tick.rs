@@ -22,7 +22,8 @@ pub const RECEIVE_MAX: usize = frame::WIRE_MAX;
 /// Ticks between two regular [`Status`] messages.
 pub const STATUS_INTERVAL: u64 = 16;
 
-const OUTBOX: usize = 2048;
+/// Most bytes of answers that wait for [`Kernel::poll_transmit`]: a buffer of this size gets whole frames only.
+pub const TRANSMIT_MAX: usize = 2048;
 
 /// What is known at one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,7 +34,8 @@ pub struct Sensors<const N: usize> {
     pub estimate: Option<JointPos<N>>,
     /// Joint offsets to add to the path (rad or m). `None` takes those under way out, within their limits.
     pub correction: Option<JointPos<N>>,
-    /// Whether the robot takes setpoints now: powered, no safety stop, its program running.
+    /// Whether the robot takes setpoints now: powered, no safety stop, its program running; and whatever else has to work
+    /// before anything moves.
     pub ready: bool,
 }
 
@@ -53,7 +55,7 @@ pub struct Command<const N: usize> {
     pub seq: u32,
     /// Extrusion rate (m³/s).
     pub flow: f64,
-    /// Whether material is being laid.
+    /// Whether the path here is one along which material is laid; at rest there too, when nothing flows.
     pub deposit: bool,
     /// Path clock rate, 0 to 1.
     pub rate: f64,
@@ -101,7 +103,7 @@ struct State<const N: usize, const CAP: usize> {
     frames_unknown: u32,
     quit: bool,
     said: Option<Mode>,
-    outbox: heapless::Vec<u8, OUTBOX>,
+    outbox: heapless::Vec<u8, TRANSMIT_MAX>,
 }
 
 impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
@@ -174,7 +176,8 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         self.state.obey(&ToKernel::Quit);
     }
 
-    /// A fault found outside the kernel: stops on the path as for one of its own.
+    /// A fault found outside the kernel: stops on the path as for one of its own. While the kernel is unready nothing is put
+    /// out and nothing happens: whoever raises it keeps [`Sensors::ready`] false for as long as it lasts.
     pub fn raise(&mut self, fault: Fault) {
         self.state.change(Event::Fault(fault));
     }
@@ -411,7 +414,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         let mut bytes = [0; 512];
         // With nobody reading, the outbox is full and the answer is dropped: a host that comes asks for the status.
         if let Ok(used) = frame::encode(message, &mut bytes)
-            && used <= OUTBOX.saturating_sub(self.outbox.len())
+            && used <= TRANSMIT_MAX.saturating_sub(self.outbox.len())
         {
             for &byte in bytes.iter().take(used) {
                 let _ = self.outbox.push(byte);

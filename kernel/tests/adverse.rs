@@ -2,11 +2,12 @@
 
 mod common;
 
-use common::{PLAN, configure, sweep};
+use common::{PLAN, Random, configure, sweep};
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::fault::Fault;
-use screed_kernel::frame::{FromKernel, ModeCode, Refusal};
+use screed_kernel::frame::{self, FromKernel, ModeCode, Refusal, Status, ToKernel, WIRE_MAX};
 use screed_kernel::setpoint::joint_on_grid;
+use screed_kernel::tick::{RECEIVE_MAX, STATUS_INTERVAL};
 use screed_kernel::units::JointPos;
 
 const PERIOD_NS: u64 = 2_000_000;
@@ -106,4 +107,67 @@ fn a_part_of_another_batch_is_refused_and_the_one_under_way_is_not_harmed() {
         }
         bench.sensors.actual.0[0]
     });
+}
+
+#[test]
+fn a_fault_that_had_no_room_among_the_answers_is_in_the_next_status() {
+    let mut bench = moving(100);
+    let mut stale = [0; WIRE_MAX];
+    let used = frame::encode(&ToKernel::Rearm { fault: 9 }, &mut stale).unwrap();
+    let refused = stale[..used].repeat(RECEIVE_MAX / used);
+    // Nobody reads.
+    let sensors = bench.sensors;
+    for _ in 0..10 {
+        bench.kernel.receive(&refused);
+        bench.kernel.tick(bench.now, &sensors);
+    }
+    bench.kernel.raise(Fault::Extruder);
+    bench.listen();
+    assert_eq!(bench.faults, [], "the answers that waited were in its way");
+    bench.answers.clear();
+    for _ in 0..STATUS_INTERVAL {
+        bench.tick();
+    }
+    let told = |answer: &FromKernel| matches!(answer, FromKernel::Status(Status { fault: Some(_), .. }));
+    assert!(bench.answers.iter().any(told), "{:?}", bench.answers);
+}
+
+#[test]
+fn a_configuration_sent_twice_counts_twice_and_one_in_motion_changes_nothing() {
+    let mut bench = bench();
+    let epoch = bench.status().epoch;
+    let good = configure(&PLAN, PERIOD_NS, PERIOD_NS, CorrectionLimits::NONE);
+    let slow = configure(&PLAN, 8_000_000, PERIOD_NS, CorrectionLimits::NONE);
+    bench.say(&ToKernel::Configure(good.clone()));
+    bench.say(&ToKernel::Configure(good));
+    assert_eq!((bench.refusal(), bench.status().epoch), (None, epoch + 2));
+    assert_eq!(bench.batch(1, None, &sweep(0.1, 0.6, 1000)), None);
+    bench.say(&ToKernel::Configure(slow.clone()));
+    assert_eq!(bench.refusal(), Some(Refusal::Mode), "setpoints wait for the periods they were planned with");
+    bench.resume();
+    let mut at = 0;
+    while at < 500 {
+        let command = bench.tick();
+        if command.seq == at + 1 {
+            at = command.seq;
+        }
+        assert_eq!(command.seq, at, "a tick a sample, as configured");
+        bench.say(&ToKernel::Configure(slow.clone()));
+        assert_eq!(bench.refusal(), Some(Refusal::Mode));
+    }
+}
+
+#[test]
+fn after_any_noise_the_next_frame_is_obeyed() {
+    let mut random = Random(11);
+    for length in [1, 253, 254, 255, 1023, 1024, 1029, 1030, 1031, 1285, 5000, 100_000] {
+        for flat in [None, Some(1), Some(254), Some(255)] {
+            let mut bench = bench();
+            let noise: Vec<u8> = (0..length).map(|_| flat.unwrap_or(1 + random.below(255) as u8)).collect();
+            bench.send(&noise);
+            bench.send(&[0]);
+            assert_eq!((bench.status().frames_broken, bench.status().frames_unknown), (1, 0), "{length} bytes");
+            assert_eq!(bench.batch(1, None, &sweep(0.1, 0.2, 500)), None);
+        }
+    }
 }

@@ -6,7 +6,7 @@
 #![no_std]
 
 use core::mem::MaybeUninit;
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3};
 use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::correction::CorrectionLimits;
@@ -16,6 +16,7 @@ use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, T
 use screed_kernel::guard::{Motion, Periods, output_least};
 use screed_kernel::ik::{self, Answer, Branches, IkError};
 use screed_kernel::pose::Pose;
+use screed_kernel::registration::{PointPair, Registration, RegistrationError, register};
 use screed_kernel::setpoint::{self, CodeError, Coder, Setpoint};
 use screed_kernel::tick::{Command, Kernel, Sensors};
 use screed_kernel::units::{JointPos, Nanos};
@@ -164,6 +165,18 @@ pub fn root_pose(a: &Pose, b: &Pose, v: &Vector3<f64>, w: &Vector3<f64>) -> (Pos
     let made = Pose::from_rotation_vector(*v, *w) * Pose::from_roll_pitch_yaw(*v, w.x, w.y, w.z);
     let all = *a * b.inverse() * made * Pose::from_translation(v.x, v.y, v.z) * Pose::identity();
     (all, a.transform_point(v) + all.rotation_vector(), all.is_finite())
+}
+
+/// [`register`], with any count of pairs.
+#[unsafe(no_mangle)]
+pub fn root_register(pairs: &[PointPair]) -> Result<Registration, RegistrationError> {
+    register(pairs)
+}
+
+/// What a registration tells.
+#[unsafe(no_mangle)]
+pub fn root_registration(found: &Registration, pair: &PointPair, sigma: f64) -> (Vector3<f64>, f64, Matrix6<f64>) {
+    (found.residual(pair), found.sigma(), found.covariance(sigma))
 }
 
 /// The grids of the wire.

@@ -150,6 +150,30 @@ pub struct CheckArgs {
     pub cell: Option<PathBuf>,
 }
 
+/// `screed calibrate`
+#[derive(Clone, Debug, PartialEq, clap::Subcommand)]
+pub enum CalibrateCommand {
+    /// Where a frame lies in another, from points measured in both
+    Frame(CalibrateArgs),
+    /// Where a tool's tip is, from touches of one point
+    Tcp(CalibrateArgs),
+    /// Where a tracker stands and its target sits on the flange, from poses
+    Target(CalibrateArgs),
+    /// What an arm's DH table really is, from poses that a tracker measured
+    Arm(CalibrateArgs),
+}
+
+/// The arguments of each calibration.
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct CalibrateArgs {
+    /// The measurements; docs/calibration.md has an example of each kind
+    #[arg(value_name = "FILE.toml")]
+    pub file: PathBuf,
+    /// The result as JSON, in m and rad, with covariance and residuals
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// `screed log`
 #[derive(Clone, Debug, PartialEq, clap::Args)]
 pub struct LogArgs {

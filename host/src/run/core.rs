@@ -6,7 +6,7 @@ use crate::link::extruder::{ExtruderError, ExtruderLine};
 use crate::link::rtde::{Event, LinkError, RobotState, RtdeClient, TextLevel};
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, CycleRecord, FromKernel, NOTE_MAX};
-use screed_kernel::tick::{Kernel, Sensors};
+use screed_kernel::tick::{Kernel, Sensors, TRANSMIT_MAX};
 use screed_kernel::units::Nanos;
 use std::fmt::Display;
 
@@ -172,7 +172,8 @@ impl Core {
 
     /// Closes the cycle begun by [`Self::on_robot`], if there was one: when it had ticked, when its answer was sent.
     pub fn finish_cycle(&mut self, ticked: Nanos, sent: Nanos) {
-        let mut out = [0; 1024];
+        // All that waits: what is dropped when the host is busy are whole frames.
+        let mut out = [0; TRANSMIT_MAX];
         let used = self.kernel.poll_transmit(&mut out);
         self.queue(out.get(..used).unwrap_or(&[]));
         if let Some(record) = self.record.take() {

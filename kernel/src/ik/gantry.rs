@@ -95,9 +95,7 @@ pub fn inverse<const N: usize>(
     base_from_flange: &Pose,
     seed: &JointPos<N>,
 ) -> Result<Branches<N>, IkError> {
-    let mut found = Branches::empty();
-    found.push(nearest(arm, base_from_flange, seed)?);
-    Ok(found)
+    nearest(arm, base_from_flange, seed).map(Branches::one)
 }
 
 /// The answer, its turn nearest to the seed inside the stops.

@@ -14,6 +14,7 @@
 //! badly determined there are the joints: by about 1e-15 over the margin.
 
 mod corner;
+mod near;
 
 use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, turned};
 use crate::arm::{Arm, Dh, Joint, JointKind};
@@ -288,7 +289,12 @@ impl Geometry {
             return Ok(libm::sqrt(squared));
         }
         let missing = libm::fabs(self.across) - libm::sqrt(target.squared);
-        if missing > self.slack { Err(missing) } else { Ok(0.0) }
+        match missing {
+            _ if missing <= REACH_TOLERANCE => Ok(0.0),
+            // As in `bend_to`.
+            _ if missing <= self.slack => Ok(libm::sqrt(0.2 * self.slack * libm::fabs(self.across))),
+            _ => Err(missing),
+        }
     }
 
     fn plane(&self, target: &Target, along: f64, seed: f64) -> Plane {
@@ -335,7 +341,9 @@ impl Geometry {
             if missing > self.slack {
                 return Err(missing);
             }
-            (straight, folded) = (straight.max(0.0), folded.max(0.0));
+            // Only a start for what follows is wanted where so much is missing: it is better a little off the singularity.
+            let open = if missing > REACH_TOLERANCE { 0.2 * self.slack * longest } else { 0.0 };
+            (straight, folded) = (straight.max(open), folded.max(open));
         }
         let scale = 1.0 / (2.0 * self.a2 * self.a3);
         let margin = libm::sqrt(straight * folded) * libm::fabs(scale);

@@ -3,6 +3,7 @@
 
 pub mod fuzz;
 pub mod inverse;
+pub mod motion;
 pub mod program;
 pub mod wrist;
 
@@ -189,13 +190,14 @@ impl<const CAP: usize> Bench<CAP> {
         frames.collect()
     }
 
-    /// The first answer to the batch sent last: parts behind a refused one are refused again.
+    /// The answer to the batch sent last: taken, or why its first bad part was refused (those behind are refused again).
     pub fn answer(&self) -> Option<Result<(), Refusal>> {
-        self.answers.iter().find_map(|answer| match answer {
-            FromKernel::Accepted { batch } if *batch == self.batches => Some(Ok(())),
+        let taken = self.answers.contains(&FromKernel::Accepted { batch: self.batches });
+        let refused = self.answers.iter().find_map(|answer| match answer {
             FromKernel::Refused { batch, reason } if *batch == self.batches => Some(Err(*reason)),
             _ => None,
-        })
+        });
+        if taken { Some(Ok(())) } else { refused }
     }
 
     /// Sends setpoints as one batch and returns the answer to it.

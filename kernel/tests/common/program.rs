@@ -1,122 +1,21 @@
 //! Random programs of everything a host, a robot and a bad line can do.
 
-use super::{Bench, Random, configure};
+use super::fuzz::envelope;
+use super::motion::{CORRECTION, Judge, PERIODS_NS, PLAN, POSITION_MAX, Source};
+use super::{Bench, Random, both, configure};
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, Configure, ModeCode, Refusal, ToKernel};
-use screed_kernel::guard::{Motion, Periods, output_least};
+use screed_kernel::guard::{Limits, Periods, output_least, plan_limits};
 use screed_kernel::ramp::{Ramp, RampLimits};
-use screed_kernel::setpoint::{JOINT_QUANTUM, Setpoint, flow_on_grid, joint_on_grid};
+use screed_kernel::setpoint::{JOINT_QUANTUM, Setpoint, joint_on_grid};
 use screed_kernel::tick::{Command, Sensors};
-use screed_kernel::units::{JointAcc, JointJerk, JointPos, JointVel};
+use screed_kernel::units::JointPos;
 
 const CAP: usize = 512;
-const CORRECTION: CorrectionLimits = CorrectionLimits { size_max: 0.02, velocity_max: 0.05, acceleration_max: 0.5 };
-/// One joint whose stops are felt most as acceleration, one whose jerks are.
-const PLAN: Motion<2> = Motion {
-    velocity_max: JointVel([1.5, 1.0]),
-    acceleration_max: JointAcc([3.0, 12.0]),
-    jerk_max: JointJerk([40.0, 400.0]),
-};
-/// Sample and tick periods (ns).
-const PERIODS_NS: [(u64, u64); 5] = [
-    (8_000_000, 8_000_000),
-    (8_000_000, 2_000_000),
-    (8_000_000, 1_000_000),
-    (2_000_000, 2_000_000),
-    (6_000_000, 2_000_000),
-];
 
-/// Judges outputs by their own differences, against the limits they were configured with. Shares no code with the guard.
-#[derive(Clone)]
-struct Judge {
-    limits: Motion<2>,
-    period: f64,
-    last: Option<[[f64; 2]; 3]>,
-    /// Largest share of each limit that was used: speed, acceleration, jerk.
-    used: [f64; 3],
-}
-
-impl Judge {
-    fn see(&mut self, command: &Command<2>) {
-        let Some(JointPos(q)) = command.joints else {
-            self.last = None;
-            return;
-        };
-        let [a, b, c] = self.last.unwrap_or([q; 3]);
-        let h = self.period;
-        for j in 0..2 {
-            assert!(q[j].is_finite() && q[j].abs() <= 3.0, "joint {j} at {}", q[j]);
-            let differences = [
-                ((q[j] - a[j]) / h, self.limits.velocity_max.0[j]),
-                ((q[j] - 2.0 * a[j] + b[j]) / (h * h), self.limits.acceleration_max.0[j]),
-                ((q[j] - 3.0 * a[j] + 3.0 * b[j] - c[j]) / (h * h * h), self.limits.jerk_max.0[j]),
-            ];
-            for (k, (value, limit)) in differences.into_iter().enumerate() {
-                let rounding = 4.0 * JOINT_QUANTUM / h.powi(k as i32 + 1);
-                assert!(value.abs() <= limit + rounding, "joint {j}, difference {}: {value} above {limit}", k + 1);
-                self.used[k] = self.used[k].max((value.abs() - rounding) / limit);
-            }
-        }
-        self.last = Some([q, a, b]);
-    }
-}
-
-/// Motion along which a batch can be left at any sample: speeds that go to random targets as fast as the limits allow.
-#[derive(Clone, Copy)]
-struct Source {
-    q: [f64; 2],
-    v: [Ramp; 2],
-    flow: f64,
-}
-
-impl Source {
-    fn at_rest(q: [f64; 2]) -> Self {
-        Self { q, v: [Ramp::at(0.0); 2], flow: 0.0 }
-    }
-
-    fn step(&mut self, targets: [f64; 2], flow: f64, period: f64) -> Setpoint<2> {
-        for (j, target) in targets.into_iter().enumerate() {
-            let (slope_max, curvature_max) = (PLAN.acceleration_max.0[j], PLAN.jerk_max.0[j]);
-            self.v[j].step(target, &RampLimits { slope_max, curvature_max }, period);
-            self.q[j] += self.v[j].value * period;
-        }
-        self.flow = flow_on_grid(flow);
-        Setpoint { joints: JointPos(self.q.map(joint_on_grid)), flow: self.flow, deposit: flow > 0.0 }
-    }
-
-    /// Speeds towards random places near the middle, often the highest.
-    fn targets(&self, random: &mut Random) -> [f64; 2] {
-        std::array::from_fn(|j| {
-            let speed = PLAN.velocity_max.0[j] * [1.0, random.between(0.0, 1.0)][random.below(2) as usize];
-            if self.q[j] > random.between(-1.0, 1.0) { -speed } else { speed }
-        })
-    }
-
-    /// A random piece of motion and its stop tail, with the source as it was behind every sample.
-    fn batch(mut self, random: &mut Random, period: f64) -> Vec<(Setpoint<2>, Self)> {
-        let mut samples = Vec::new();
-        for _ in 0..1 + random.below(4) {
-            // Now and then every sample has its own targets: then every third difference has its own sign.
-            let shaky = random.below(4) == 0;
-            let flow = [0.0, 1e-5][random.below(2) as usize];
-            let mut targets = self.targets(random);
-            for _ in 0..1 + random.below(40) {
-                if shaky {
-                    targets = self.targets(random);
-                }
-                samples.push((self.step(targets, flow, period), self));
-            }
-        }
-        while self.v != [Ramp::at(0.0); 2] || self.flow > 0.0 {
-            samples.push((self.step([0.0; 2], 0.0, period), self));
-        }
-        for _ in 0..2 {
-            samples.push((self.step([0.0; 2], 0.0, period), self));
-        }
-        samples
-    }
-}
+/// Kinds of operations: batches taken, batches refused, and what else a program does.
+const OPERATIONS: usize = 21;
 
 /// One program.
 struct Program {
@@ -130,10 +29,13 @@ struct Program {
     /// What the kernel has taken behind that.
     taken: Vec<(Setpoint<2>, Source)>,
     corrects: bool,
+    /// How far setpoints may go.
+    positions: [f64; 2],
+    configure: Configure,
     correction: Option<[Ramp; 2]>,
     last: Command<2>,
     stuck: bool,
-    ran: [u32; 12],
+    ran: [u32; OPERATIONS],
 }
 
 impl Program {
@@ -142,9 +44,16 @@ impl Program {
         let (sample_ns, tick_ns) = PERIODS_NS[random.below(PERIODS_NS.len() as u64) as usize];
         // Without corrections the limits are only what path clock and interpolation need.
         let limits = [CorrectionLimits::NONE, CORRECTION][random.below(2) as usize];
-        let configure: Configure = configure(&PLAN, sample_ns, tick_ns, limits);
+        let configure = Configure {
+            position_min: both(-POSITION_MAX),
+            position_max: both(POSITION_MAX),
+            ..configure(&PLAN, sample_ns, tick_ns, limits)
+        };
         let periods = Periods { sample: sample_ns as f64 * 1e-9, tick: tick_ns as f64 * 1e-9 };
-        let mut bench = Bench::new(configure);
+        let most = JointPos([POSITION_MAX; 2]);
+        let least = Limits { position_min: JointPos([-POSITION_MAX; 2]), position_max: most, motion: PLAN };
+        let positions = plan_limits(&least, &PLAN, periods, &limits).position_max.0;
+        let mut bench = Bench::new(configure.clone());
         let last = bench.tick();
         let judge =
             Judge { limits: output_least(&PLAN, periods, &limits), period: periods.tick, last: None, used: [0.0; 3] };
@@ -155,12 +64,14 @@ impl Program {
             judge,
             sample: periods.sample,
             corrects: limits != CorrectionLimits::NONE,
+            positions,
+            configure,
             base: (0, Source::at_rest([0.1, 0.2].map(joint_on_grid))),
             taken: Vec::new(),
             correction: None,
             last,
             stuck: false,
-            ran: [0; 12],
+            ran: [0; OPERATIONS],
         }
     }
 
@@ -197,7 +108,12 @@ impl Program {
                 assert!(far <= PLAN.velocity_max.0[j] * self.sample * 1.1, "away from setpoint {}: {far}", command.seq);
             }
         }
-        assert!(moving || command.flow == 0.0);
+        assert!(moving || (command.flow == 0.0 && command.rate == 0.0));
+        // Nothing flows back, and not more than was asked for.
+        assert!((0.0..=1e-5 * (1.0 + 1e-9)).contains(&command.flow), "a flow of {}", command.flow);
+        assert!((0.0..=1.0).contains(&command.rate), "a rate of {}", command.rate);
+        let status = self.bench.status();
+        assert!(status.consumed <= status.end_seq && status.credits <= CAP as u32, "{status:?}");
         if command.joints.is_none() || command.mode.fault().is_some() {
             self.correction = None;
         }
@@ -224,7 +140,53 @@ impl Program {
         }
     }
 
-    /// A batch that the kernel must take unless it is late, has no room, or is not listening; or one that it must not.
+    /// Whether setpoints behind `after` keep every limit by their own differences, those before the seam among them, and end at
+    /// rest; `None` where the last bits decide. Shares no code with the guard.
+    fn fits(&self, after: u32, samples: &[(Setpoint<2>, Source)]) -> Option<bool> {
+        let at = |seq: u32| match seq.checked_sub(self.base.0 + 1) {
+            Some(index) => self.taken[index as usize].0.joints.0,
+            None => self.base.1.q,
+        };
+        let before = [2, 1, 0].map(|back| at(after.saturating_sub(back).max(self.base.0)));
+        let all: Vec<[f64; 2]> = before.into_iter().chain(samples.iter().map(|(s, _)| s.joints.0)).collect();
+        let h = self.sample;
+        let mut largest = 0.0_f64;
+        for (j, position_max) in self.positions.into_iter().enumerate() {
+            for w in all.windows(4) {
+                let [d, c, b, a] = [w[0][j], w[1][j], w[2][j], w[3][j]];
+                let share = |value: f64, limit: f64, order: i32| {
+                    value.abs() / (limit * h.powi(order) + f64::from(1 << order) * JOINT_QUANTUM * 0.5)
+                };
+                let shares = [
+                    a.abs() / position_max,
+                    share(a - b, PLAN.velocity_max.0[j], 1),
+                    share((a - b) - (b - c), PLAN.acceleration_max.0[j], 2),
+                    share((a - b) - 2.0 * (b - c) + (c - d), PLAN.jerk_max.0[j], 3),
+                ];
+                largest = shares.into_iter().fold(largest, f64::max);
+            }
+        }
+        let rests = all.iter().rev().take(3).all(|q| Some(q) == all.last());
+        let dry = samples.last().is_some_and(|(last, _)| last.flow == 0.0);
+        if (largest - 1.0).abs() < 1e-6 { None } else { Some(largest < 1.0 && rests && dry) }
+    }
+
+    /// Moves some of the setpoints by anything from less than a limit to far more.
+    fn bend(&mut self, samples: &mut [(Setpoint<2>, Source)]) {
+        let size = 10_f64.powf(self.random.between(-11.0, -1.0)) * [1.0, -1.0][self.random.below(2) as usize];
+        let (from, j) = (self.random.below(samples.len() as u64) as usize, self.random.below(2) as usize);
+        let shape = self.random.below(4) as i32;
+        for (k, (setpoint, source)) in samples[from..].iter_mut().enumerate() {
+            let by = joint_on_grid(match shape {
+                3 => [size, 0.0][usize::from(k > 0)],
+                order => size * (k as f64 / 10.0).min(10.0).powi(order),
+            });
+            setpoint.joints.0[j] += by;
+            source.q[j] += by;
+        }
+    }
+
+    /// A batch that the kernel must take unless it is late, has no room, or is not listening; or one that may be anything.
     fn send_batch(&mut self, good: bool) {
         self.follow_epoch();
         let status = self.bench.status();
@@ -240,16 +202,23 @@ impl Program {
         let mut first_seq = after + 1;
         if !good {
             let at = self.random.below(samples.len() as u64) as usize;
-            match self.random.below(3) {
+            match self.random.below(6) {
                 0 => first_seq += 1 + self.random.below(3) as u32,
-                1 => samples[at].0.joints.0[self.random.below(2) as usize] += joint_on_grid(0.02),
-                _ => samples.truncate(samples.len() - 3),
+                1 => samples.truncate(at + 1),
+                _ => self.bend(&mut samples),
             }
         }
+        let fits = self.fits(after, &samples).map(|fits| fits && first_seq == after + 1);
         let setpoints: Vec<_> = samples.iter().map(|(setpoint, _)| *setpoint).collect();
         let replaces = (!appended || self.random.below(2) == 0).then_some(after);
         let mut frames = self.bench.frames(first_seq, replaces, &setpoints);
-        let spoilt = self.random.below(8) == 0 && self.spoil(&mut frames);
+        let mut spoilt = self.random.below(8) == 0 && self.spoil(&mut frames);
+        if self.random.below(30) == 0 && frames.len() > 1 {
+            // Out of order: no part is taken in another's place.
+            let at = self.random.below(frames.len() as u64 - 1) as usize;
+            frames.swap(at, at + 1);
+            spoilt = true;
+        }
         for frame in &frames {
             let split = self.random.below(frame.len() as u64) as usize;
             self.send(&frame[..split]);
@@ -267,12 +236,12 @@ impl Program {
         let same_ring = self.bench.status().epoch == status.epoch;
         match answer {
             Some(Ok(())) => {
-                assert!(good || spoilt, "a bad batch was taken");
+                assert_ne!(fits, Some(false), "a bad batch was taken");
                 self.taken.truncate((after - self.base.0) as usize);
                 self.taken.extend(samples);
                 self.ran[0] += 1;
             }
-            Some(Err(reason)) if good && !spoilt => {
+            Some(Err(reason)) if fits == Some(true) && !spoilt => {
                 // The ring went on, or was dropped, while the parts came in.
                 let excused = matches!(reason, Refusal::TooLate | Refusal::Full | Refusal::Mode)
                     || (reason == Refusal::Sequence && !same_ring);
@@ -315,11 +284,11 @@ impl Program {
 
     fn run(&mut self, operations: u32) {
         for _ in 0..operations {
-            let operation = self.random.below(20);
-            self.ran[operation.min(11) as usize] += u32::from(operation > 1);
+            let operation = self.random.below(OPERATIONS as u64);
+            self.ran[operation as usize] += u32::from(operation > 1);
             match operation {
-                0..=4 => self.send_batch(true),
-                5 => self.send_batch(false),
+                0..=3 => self.send_batch(true),
+                4 | 5 => self.send_batch(false),
                 6 => {
                     let rate = [0.0, 1.0, self.random.between(0.2, 1.0)][self.random.below(3) as usize];
                     self.say(&ToKernel::Rate(rate));
@@ -333,6 +302,16 @@ impl Program {
                 14 if self.last.correction == JointPos::ZERO && self.last.mode.fault().is_none() => {
                     self.correction = Some([Ramp::at(0.0); 2]);
                 }
+                15 => self.flutter(),
+                16 => self.say(&ToKernel::Configure(self.configure.clone())),
+                17 => self.nonsense(),
+                18 => {
+                    // What waits is not for the next host: a fault told then is in its first status.
+                    self.bench.listen();
+                    self.bench.kernel.host_changed();
+                }
+                19 if self.random.below(4) == 0 => self.lose_robot(),
+                20 => self.say(&ToKernel::Hello),
                 _ => {}
             }
             self.recover();
@@ -345,9 +324,65 @@ impl Program {
         }
     }
 
+    /// Another mind at every tick.
+    fn flutter(&mut self) {
+        let kind = self.random.below(2);
+        for _ in 0..self.random.below(150) {
+            if kind == 0 {
+                let rate = [0.0, 1.0, self.random.between(0.0, 1.0)][self.random.below(3) as usize];
+                self.say(&ToKernel::Rate(rate));
+            } else if self.random.below(2) == 0 {
+                self.say(&ToKernel::Hold);
+            } else {
+                self.say(&ToKernel::Resume { epoch: self.bench.status().epoch });
+            }
+            self.tick();
+        }
+        self.say(&ToKernel::Rate(1.0));
+    }
+
+    /// What is no frame, no message, of a version to come, or speaks of something else: counted or refused, and nothing else.
+    fn nonsense(&mut self) {
+        let before = self.bench.status();
+        let (broken, unknown) = match self.random.below(4) {
+            0 => {
+                let noise: Vec<u8> = (0..=self.random.below(5000)).map(|_| 1 + self.random.below(255) as u8).collect();
+                self.send(&noise);
+                self.send(&[0]);
+                (1, 0)
+            }
+            1 => {
+                self.send(&envelope(frame::VERSION + 1, &[200, 1, 2, 3]));
+                (0, 1)
+            }
+            2 => {
+                self.send(&envelope(frame::VERSION + 0x10, &[6]));
+                (1, 0)
+            }
+            _ => {
+                self.say(&ToKernel::Resume { epoch: before.epoch.wrapping_sub(1) });
+                let no_rate = [f64::NAN, f64::INFINITY, -1e-300, 1.0 + 1e-15][self.random.below(4) as usize];
+                self.say(&ToKernel::Rate(no_rate));
+                self.say(&ToKernel::Rearm { fault: u32::MAX });
+                (0, 0)
+            }
+        };
+        let after = self.bench.status();
+        let counted = (after.frames_broken - before.frames_broken, after.frames_unknown - before.frames_unknown);
+        assert_eq!(counted, (broken, unknown));
+    }
+
+    fn lose_robot(&mut self) {
+        self.bench.kernel.robot_lost();
+        assert!(!matches!(self.bench.status().mode, ModeCode::Holding | ModeCode::Moving | ModeCode::Stopping));
+        self.judge.last = None;
+        self.correction = None;
+        self.tick();
+    }
+
     /// Something goes wrong outside the kernel.
     fn disturb(&mut self) {
-        match self.random.below(6) {
+        match self.random.below(7) {
             0 => self.stuck = true,
             1 => self.bench.sensors.ready = false,
             2 => self.bench.sensors.actual.0[1] = f64::NAN,
@@ -355,6 +390,13 @@ impl Program {
             4 => {
                 // A step in the correction.
                 self.bench.sensors.correction = Some(JointPos([0.019, 0.0]));
+                let command = self.bench.tick();
+                self.correction = None;
+                self.see(&command);
+            }
+            5 => {
+                self.bench.sensors.correction =
+                    Some(JointPos([0.0, [f64::NAN, f64::INFINITY][self.random.below(2) as usize]]));
                 let command = self.bench.tick();
                 self.correction = None;
                 self.see(&command);
@@ -421,7 +463,7 @@ impl Program {
 
 /// Runs a program for every seed, and says what they did.
 pub fn programs(seeds: std::ops::Range<u64>) {
-    let (mut used, mut ran) = ([0.0_f64; 3], [0_u32; 12]);
+    let (mut used, mut ran) = ([0.0_f64; 3], [0_u32; OPERATIONS]);
     for seed in seeds {
         let mut program = Program::new(seed);
         let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| program.run(25)));
@@ -436,5 +478,5 @@ pub fn programs(seeds: std::ops::Range<u64>) {
     println!("batches taken {}, refused {}; operations {:?}", ran[0], ran[1], &ran[2..]);
     assert!(ran.iter().all(|count| *count > 0), "the programs missed something: {ran:?}");
     // The limits are met, not only kept: a smaller sum would not do.
-    assert!(used[0] > 0.95 && used[1] > 0.7 && used[2] > 0.5, "{used:?}");
+    assert!(used[0] > 0.95 && used[1] > 0.8 && used[2] > 0.65, "{used:?}");
 }
