@@ -7,7 +7,7 @@ use common::Random;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use screed_kernel::arm::{Arm, Dh};
 use screed_kernel::arms::ur::{UR10, UR10E};
-use screed_kernel::ik::{calibrated, ur};
+use screed_kernel::ik::{Family, calibrated, ur};
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
 use serde_json::Value;
@@ -64,6 +64,7 @@ fn calibrated_units_are_solved_on_every_branch() {
     ] {
         let (arm, samples) = unit(file, nominal);
         assert_eq!(ur::Geometry::of(&arm), None);
+        assert!(matches!(Family::of(&arm), Family::Calibrated(_)), "{file}");
         let near = ur::Geometry::near(&arm).expect("near the nominal arm");
         assert!(samples.len() >= 12, "{file}");
         // The file's own poses, then more by our own forward kinematics, which those check.

@@ -96,8 +96,7 @@ impl Plan {
             _ => return Ok(Vec::new()),
         };
         let layer = self.moves.first().map_or(0, |step| step.layer);
-        let Tooling { arm, family, .. } = &self.tooling;
-        let inverse = |seed: &JointPos<6>| family.inverse(arm, &self.tooling.flange_at(&above), seed);
+        let inverse = |seed: &JointPos<6>| self.tooling.branches_at(&above, seed);
         let found = inverse(&self.start).map_err(|why| PlanError::OutOfReach {
             place: Box::new(self.place(MoveKind::Approach, layer, Some(above), None)),
             why,

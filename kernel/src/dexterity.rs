@@ -61,11 +61,13 @@ impl Dexterity {
 /// Turns each pair of rows in their plane until they are square to each other; whether any needed it.
 fn sweep<const R: usize, const C: usize>(rows: &mut [[f64; C]; R]) -> bool {
     let mut turned = false;
-    for row in 0..R {
-        let Some((first, others)) = rows.get_mut(row..).and_then(<[_]>::split_first_mut) else { continue };
-        for other in others {
+    let mut rest = rows.as_mut_slice();
+    for _ in 0..R {
+        let Some((first, others)) = rest.split_first_mut() else { break };
+        for other in others.iter_mut() {
             turned |= make_square(first, other);
         }
+        rest = others;
     }
     turned
 }

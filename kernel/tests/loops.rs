@@ -17,8 +17,18 @@ use std::path::{Path, PathBuf};
 
 /// What begins a loop: a statement, or a call that walks an array or a slice.
 const STATEMENTS: [&str; 3] = ["for ", "while ", "loop "];
-const CALLS: [&str; 7] =
-    [".iter()", ".iter_mut()", ".into_iter()", "from_fn(", ".copy_within(", ".copy_from_slice(", ".repeat("];
+const CALLS: [&str; 9] = [
+    ".iter()",
+    ".iter_mut()",
+    ".into_iter()",
+    "from_fn(",
+    ".copy_within(",
+    ".copy_from_slice(",
+    ".repeat(",
+    // Of an array; that of an option turns once.
+    "].map(",
+    "joints.map(",
+];
 
 /// Count of loops by file and function.
 type Loops = BTreeMap<(String, String), usize>;

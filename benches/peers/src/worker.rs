@@ -59,19 +59,19 @@ fn all(arm: &Arm<6>, input: &Record) -> Option<ik::Branches<6>> {
 }
 
 fn nearest(arm: &Arm<6>, input: &Record) -> Option<JointPos<6>> {
-    ik::ur::nearest(arm, &input.base_from_flange, &input.seed).ok()
+    ik::ur::nearest(arm, &input.base_from_flange, &input.seed).ok().map(|answer| answer.joints)
 }
 
 fn all_verified(arm: &Arm<6>, input: &Record) -> Option<ik::Branches<6>> {
-    all(arm, input).filter(|all| verified(arm, input, all.as_slice()))
+    all(arm, input).filter(|all| verified(arm, input, all.as_slice().iter().map(|answer| &answer.joints)))
 }
 
 fn nearest_verified(arm: &Arm<6>, input: &Record) -> Option<JointPos<6>> {
-    nearest(arm, input).filter(|joints| verified(arm, input, std::slice::from_ref(joints)))
+    nearest(arm, input).filter(|joints| verified(arm, input, [joints]))
 }
 
-fn verified(arm: &Arm<6>, input: &Record, answers: &[JointPos<6>]) -> bool {
-    answers.iter().all(|joints| reaches(&arm.forward(joints), &input.base_from_flange))
+fn verified<'a>(arm: &Arm<6>, input: &Record, answers: impl IntoIterator<Item = &'a JointPos<6>>) -> bool {
+    answers.into_iter().all(|joints| reaches(&arm.forward(joints), &input.base_from_flange))
 }
 
 fn reaches(is: &Pose, sought: &Pose) -> bool {
@@ -83,7 +83,7 @@ fn reaches(is: &Pose, sought: &Pose) -> bool {
 fn show_all(answer: &Option<ik::Branches<6>>, numbers: &mut Vec<f64>) {
     let branches = answer.as_ref().map_or(&[][..], ik::Branches::as_slice);
     numbers.push(branches.len() as f64);
-    numbers.extend(branches.iter().flat_map(|joints| joints.0));
+    numbers.extend(branches.iter().flat_map(|answer| answer.joints.0));
 }
 
 fn show_one(answer: &Option<JointPos<6>>, numbers: &mut Vec<f64>) {

@@ -14,7 +14,7 @@ use screed_kernel::dexterity::Dexterity;
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
 use screed_kernel::guard::{Motion, Periods, output_least};
-use screed_kernel::ik::{self, Answer, Branches, IkError};
+use screed_kernel::ik::{self, Answer, Branches, Family, IkError};
 use screed_kernel::pose::Pose;
 use screed_kernel::registration::{PointPair, Registration, RegistrationError, register};
 use screed_kernel::setpoint::{self, CodeError, Coder, Setpoint};
@@ -223,12 +223,46 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     unsafe { a_panic_is_left_in_the_kernel() }
 }
 
-/// Inverse kinematics of arms with a spherical wrist and of gantries, for an arm with so many joints.
+/// Inverse kinematics of every family, for an arm with so many joints.
 macro_rules! inverse_roots {
     ($joints:literal, $module:ident) => {
         /// The roots for this count of joints.
         pub mod $module {
             use super::*;
+
+            /// [`Family::of`], [`Family::inverse`]: every family. The arm's full turns: [`ik::turns`].
+            #[unsafe(export_name = concat!("root_family_inverse_", $joints))]
+            pub fn family_inverse(
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> (Result<Branches<$joints>, IkError>, Option<JointPos<$joints>>, Option<Answer<$joints>>) {
+                let found = Family::of(arm).inverse(arm, pose, seed);
+                let nearest = found.as_ref().ok().and_then(|found| found.nearest(seed)).copied();
+                (found, ik::turns(arm, seed).last(), nearest)
+            }
+
+            /// [`Family::nearest`]
+            #[unsafe(export_name = concat!("root_family_nearest_", $joints))]
+            pub fn family_nearest(
+                family: &Family,
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> (Result<Answer<$joints>, IkError>, &'static str) {
+                (family.nearest(arm, pose, seed), family.name())
+            }
+
+            /// [`ik::calibrated::inverse`] and [`ik::numeric::nearest`], whatever the arm.
+            #[unsafe(export_name = concat!("root_iterated_", $joints))]
+            pub fn iterated(
+                nominal: &ik::ur::Geometry,
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> (Result<Branches<$joints>, IkError>, Result<Answer<$joints>, IkError>) {
+                (ik::calibrated::inverse(nominal, arm, pose, seed), ik::numeric::nearest(arm, pose, seed))
+            }
 
             /// [`ik::wrist::inverse`]
             #[unsafe(export_name = concat!("root_wrist_inverse_", $joints))]
