@@ -13,8 +13,7 @@
 //! share of the stretched arm. Elbow and wrist: those two sines. A margin below [`FREE`] leaves a joint free: θ₁, θ₄, and θ₂
 //! where upper arm and forearm are of one length and the wrist's centre comes to axis 2.
 
-use super::angle::angle_of;
-use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, full_turns, on_limit};
+use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, on_limit, turn};
 use crate::arm::{Arm, JointKind};
 use crate::pose::Pose;
 use crate::units::JointPos;
@@ -127,7 +126,7 @@ impl Geometry {
             fore,
             fore_x: fore_x / fore,
             fore_y: fore_y / fore,
-            fore_angle: angle_of(fore_y, fore_x),
+            fore_angle: libm::atan2(fore_y, fore_x),
             stretched: 1.0 / (libm::fabs(two.a) + fore),
             s1,
             c2,
@@ -275,8 +274,8 @@ impl Geometry {
         let scale = 1.0 / (ahead * ahead + self.b * self.b);
         let pair = |x: f64| ((py * x + px * self.b) * scale, (px * x - py * self.b) * scale);
         let ((sin, cos), (sin_behind, cos_behind)) = (pair(ahead), pair(-ahead));
-        let theta1 = angle_of(sin, cos);
-        let behind = if self.b == 0.0 { opposite(theta1) } else { angle_of(sin_behind, cos_behind) };
+        let theta1 = libm::atan2(sin, cos);
+        let behind = if self.b == 0.0 { opposite(theta1) } else { libm::atan2(sin_behind, cos_behind) };
         let apart = if self.b == 0.0 { 1.0 } else { ahead / distance };
         let front = Shoulder {
             side: Side::Plus,
@@ -310,7 +309,7 @@ impl Geometry {
         let scale = 0.5 / (self.upper * fore);
         let sin = libm::sqrt((straight * folded).max(0.0)) * libm::fabs(scale);
         let cos = ((squared - upper * upper - fore * fore) * scale).clamp(-1.0, 1.0);
-        Ok(Bend { x, y, squared, sin, cos, angle: angle_of(sin, cos) })
+        Ok(Bend { x, y, squared, sin, cos, angle: libm::atan2(sin, cos) })
     }
 
     fn theta3(&self, bend: &Bend, side: Side) -> f64 {
@@ -328,7 +327,7 @@ impl Geometry {
         } else {
             let scale = 1.0 / libm::sqrt(bend.squared * (along * along + across * across));
             let (sin2, cos2) = (bend.y * along - bend.x * across, bend.x * along + bend.y * across);
-            (angle_of(sin2, cos2), (sin2 * scale, cos2 * scale))
+            (libm::atan2(sin2, cos2), (sin2 * scale, cos2 * scale))
         };
         // The line from the elbow to the wrist's centre, then frame 3's x axis.
         let (sin, cos) = (sin2 * cos + cos2 * sin, cos2 * cos - sin2 * sin);
@@ -356,7 +355,7 @@ impl Geometry {
             (theta4, libm::sincos(theta4))
         } else {
             let (sin4, cos4) = (self.s5 * approach.1, self.s5 * approach.0);
-            (angle_of(sin4, cos4), (sin4 / margin, cos4 / margin))
+            (libm::atan2(sin4, cos4), (sin4 / margin, cos4 / margin))
         };
         let sense = -self.s4 * self.s5;
         let sin6 = sense * (cos4 * h1 - sin4 * (cos * g1 + sin * e1));
@@ -364,8 +363,8 @@ impl Geometry {
         Wrist {
             side: Side::Plus,
             theta4,
-            theta5: angle_of(self.s5 * (cos4 * approach.0 + sin4 * approach.1), sense * approach.2),
-            theta6: angle_of(sin6, cos6),
+            theta5: libm::atan2(self.s5 * (cos4 * approach.0 + sin4 * approach.1), sense * approach.2),
+            theta6: libm::atan2(sin6, cos6),
             margin,
             free,
         }
@@ -387,7 +386,7 @@ impl Geometry {
             let coupled = if self.coupled { coupled(arm, joint, joints) } else { 0.0 };
             let limits = (arm.position_min.0.get(joint), arm.position_max.0.get(joint));
             let ((Some(low), Some(high)), Some(near)) = (limits, seed.0.get(joint)) else { continue };
-            let position = full_turns(angle - offset - coupled, *near, *low, *high)
+            let position = turn(JointKind::Revolute, angle - offset - coupled, *near, *low, *high)
                 .map_err(|(position, by)| Beyond { joint, position, by })?;
             if let Some(slot) = joints.0.get_mut(joint) {
                 *slot = position;
