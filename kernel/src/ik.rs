@@ -3,7 +3,6 @@
 //! An [`Answer`] says which [`Branch`] it is on and how far from each singularity; an answer close to one is still an answer.
 //! Errors are for poses to which none can be given.
 
-mod angle;
 pub mod calibrated;
 mod family;
 pub mod gantry;

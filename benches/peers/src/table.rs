@@ -66,24 +66,24 @@ pub fn side_by_side(workers: &Path) -> Outcome<()> {
         }
     }
 
-    let mut pairs = Vec::new();
+    let (mut pairs, mut hashes) = (Vec::new(), Vec::new());
     for line in &lines {
         let inputs = folder.path().join(line.ours.arm.name);
-        record::write(&inputs, &record::random(&line.ours.arm, TIMED, 2))?;
+        hashes.push(record::write(&inputs, &record::random(&line.ours.arm, TIMED, 2))?);
         pairs.extend(line.builds.iter().map(|build| line.pair(&workers.join(build), &inputs, TIMED)));
     }
     let times = pairs.iter().map(race::time).collect::<Outcome<Vec<Timed>>>()?;
     let counts = race::count(&pairs, folder.path())?;
 
-    println!("\none input, of {TIMED} random poses (seed 2)");
+    println!("\none input, of {TIMED} random poses (seed 2); ns of processor time, median");
     println!("    {:<10} {:>16} {:>18} {:>34}", "", "ours", "theirs", "theirs / ours");
     println!(
         "    {:<10} {:>8} {:>7} {:>10} {:>7} {:>9} {:<13} {:>12} {:>6}",
         "", "ns", "instr.", "ns", "instr.", "time", "(quartiles)", "instructions", "goal"
     );
     let mut rows = times.iter().zip(&counts);
-    for line in &lines {
-        println!("  {}", line.title());
+    for (line, hash) in lines.iter().zip(hashes) {
+        println!("  {}; inputs {hash:016x}", line.title());
         for (build, (time, [ours, theirs])) in line.builds.iter().zip(&mut rows) {
             let [low, median, high] = time.ratio;
             let quartiles = format!("({low:.1}-{high:.1})");
