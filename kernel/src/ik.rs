@@ -3,7 +3,6 @@
 //! An [`Answer`] says which [`Branch`] it is on and how far from each singularity; an answer close to one is still an answer.
 //! Errors are for poses to which none can be given.
 
-mod angle;
 pub mod calibrated;
 mod family;
 pub mod gantry;
@@ -294,13 +293,19 @@ fn turned<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>, seed: &JointPos<N>
     let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
     let given = arm.joints.iter().zip(&seed.0).zip(limits);
     for (joint, (position, ((moved, seed), (&low, &high)))) in (0..N).zip(turned.0.iter_mut().zip(given)) {
-        let found = match moved.kind {
-            JointKind::Revolute => full_turns(*position, *seed, low, high),
-            JointKind::Prismatic => on_limit(*position, low, high),
-        };
-        *position = found.map_err(|(position, by)| Beyond { joint, position, by })?;
+        *position =
+            turn(moved.kind, *position, *seed, low, high).map_err(|(position, by)| Beyond { joint, position, by })?;
     }
     Ok(turned)
+}
+
+/// Turns one joint, if it is revolute; or, with how far it is beyond its limits, as [`full_turns`].
+#[inline]
+fn turn(kind: JointKind, position: f64, seed: f64, low: f64, high: f64) -> Result<f64, (f64, f64)> {
+    match kind {
+        JointKind::Revolute => full_turns(position, seed, low, high),
+        JointKind::Prismatic => on_limit(position, low, high),
+    }
 }
 
 /// The position plus the count of full turns that puts it nearest to the seed inside the limits; or the position nearest to

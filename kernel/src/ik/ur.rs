@@ -16,7 +16,6 @@
 mod corner;
 mod near;
 
-use super::angle::angle_of;
 use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, turned_about};
 use crate::arm::{Arm, Dh, Joint, JointKind};
 use crate::pose::Pose;
@@ -324,7 +323,7 @@ impl Geometry {
         };
         let Target { x, y, z, .. } = target;
         Plane {
-            theta1: if free { seed } else { angle_of(s1, c1) },
+            theta1: if free { seed } else { libm::atan2(s1, c1) },
             along,
             margin: if free { 0.0 } else { libm::fabs(along) / libm::sqrt(squared) },
             nx: s1 * x.x - c1 * x.y,
@@ -366,7 +365,7 @@ impl Geometry {
         Ok(Bend {
             px,
             py,
-            theta3: angle_of(margin, cosine),
+            theta3: libm::atan2(margin, cosine),
             ahead: self.a2 + self.a3 * cosine,
             aside: self.a3 * margin,
             margin,
@@ -383,7 +382,7 @@ impl Geometry {
     ) -> Result<Answer<N>, Beyond> {
         let aside = bend.aside * branch.elbow.sign();
         let theta3 = bend.theta3 * branch.elbow.sign();
-        let theta2 = angle_of(bend.ahead * bend.py - aside * bend.px, bend.ahead * bend.px + aside * bend.py);
+        let theta2 = libm::atan2(bend.ahead * bend.py - aside * bend.px, bend.ahead * bend.px + aside * bend.py);
         let table = [plane.theta1, theta2, theta3, hand.theta234 - theta2 - theta3, hand.theta5, hand.theta6];
         let mut joints = JointPos::ZERO;
         for ((position, angle), offset) in joints.0.iter_mut().zip(table).zip(self.offsets) {
@@ -407,7 +406,7 @@ impl Plane {
         let margin = libm::sqrt(self.nx * self.nx + self.ny * self.ny);
         let free = margin < WRIST_SINGULAR;
         let (s6, c6) = if free { libm::sincos(seed) } else { (-self.ny / margin, self.nx / margin) };
-        let theta6 = if free { seed } else { angle_of(s6, c6) };
+        let theta6 = if free { seed } else { libm::atan2(s6, c6) };
         self.hand_with(target, (s6, c6, theta6), margin, free)
     }
 
@@ -416,8 +415,8 @@ impl Plane {
         let (sine, cosine) = (-(self.ux * s6 + self.uy * c6), target.x.z * s6 + target.y.z * c6);
         // With θ₆ given, what is seen of sin θ₅; less is lost than with its size.
         let seen = if free { self.nx * c6 - self.ny * s6 } else { margin };
-        let theta234 = angle_of(sine, cosine);
-        Hand { theta5: angle_of(seen, self.nz), theta6, theta234, sine, cosine, margin, free }
+        let theta234 = libm::atan2(sine, cosine);
+        Hand { theta5: libm::atan2(seen, self.nz), theta6, theta234, sine, cosine, margin, free }
     }
 }
 
