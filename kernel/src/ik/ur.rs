@@ -27,6 +27,8 @@ use nalgebra::Vector3;
 const REACH_TOLERANCE: f64 = 2e-13;
 /// sin θ₅ below which joints 4 and 6 are collinear and θ₆ is taken from the seed: the pose is missed by twice this at most.
 const WRIST_SINGULAR: f64 = 4e-13;
+/// The product of the margins from which on rounding moves joints by less than 1e-7.
+const WELL_KNOWN: f64 = 1e-6;
 /// Distance (m) from an axis below which the angle about it is free.
 const ON_AXIS: f64 = 1e-13;
 
@@ -186,8 +188,12 @@ impl Geometry {
         let guess = self.guess(arm, &target, seed);
         if let Some((answer, far)) = &guess {
             // Two branches differ by 2·atan2(h, D), 2·θ₃ or 2·θ₅ in a joint, none less than twice its sine: the nearest
-            // singularity's margin is less than half the way to any other branch. (0.9 of it, for rounding.)
-            if answer.margins.is_some_and(|margins| *far <= 0.9 * margins.nearest().1) {
+            // singularity's margin is less than half the way to any other branch. Rounding is kept below a tenth of it.
+            let alone = |margins: Margins| {
+                let Margins { shoulder, elbow, wrist } = margins;
+                *far <= 0.9 * margins.nearest().1 && shoulder * elbow * wrist >= WELL_KNOWN
+            };
+            if answer.margins.is_some_and(alone) {
                 return Ok(*answer);
             }
         }

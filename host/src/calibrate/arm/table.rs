@@ -3,9 +3,10 @@
 use super::chain::{LinkChange, turned};
 use screed_kernel::arm::{Arm, Dh};
 
-/// Sine of the angle between two axes below which they count as parallel and a tilt is left out: its effect (this times
-/// the lever in metres) is then that of the rounding that the distant normal would bring.
-const PARALLEL: f64 = 1.5e-8;
+/// Sine of the angle between two axes below which they count as parallel and a tilt is left out. That moves the flange by
+/// a micrometre for each metre at most, a tenth of what a tracker can tell; their normal would be thousands of
+/// kilometres away, and rounding with it more than the 1e-10 m to which inverse kinematics meets a pose.
+pub(in crate::calibrate) const PARALLEL: f64 = 1e-6;
 
 /// The arm with these changes, as one without tilts. The last row's tilt must be zero.
 ///

@@ -3,7 +3,7 @@
 use super::is_chi_squared;
 use super::random::{measured, normal, pose};
 use super::target::TRACKER;
-use crate::calibrate::arm::chain::Chain;
+use crate::calibrate::arm::chain::{Chain, turned};
 use crate::calibrate::arm::{ArmMeasurement, Identified, Parameter, identify, parameters, system, table};
 use crate::calibrate::pose_fit::TrackerNoise;
 use crate::calibrate::target::{Frames, PosePair, calibrate};
@@ -12,6 +12,7 @@ use nalgebra::{DVector, Vector3};
 use screed_kernel::arm::{Arm, Coupling, Dh, Joint, Rating};
 use screed_kernel::arms::comau::NJ130;
 use screed_kernel::arms::ur::UR10E;
+use screed_kernel::ik;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
 use screed_tape::random::Random;
@@ -188,16 +189,25 @@ fn the_jacobian_is_that_of_finite_differences() {
     jacobian_is_differences(&mut random, &crooked::<9>());
 }
 
+/// How far (m, and in the elements of the rotation) a table may be from its chain because axes count as parallel.
+fn left_out<const N: usize>(chain: &Chain<N>) -> f64 {
+    let parallel = chain.nominal.dh.iter().zip(&chain.changes).filter(|(row, change)| {
+        let (sine, _) = turned(row, change.alpha);
+        change.tilt != 0.0 && sine.hypot(change.tilt) < table::PARALLEL
+    });
+    parallel.count() as f64 * 2.0 * table::PARALLEL
+}
+
 /// The changed arm as a table takes the flange where the chain takes it.
 fn table_is_the_chain<const N: usize>(random: &mut Random, arm: &Arm<N>) {
     for size in [1e-1, 1e-3, 1e-5, 1e-7, 1e-8, 1e-9, 1e-15] {
         for _ in 0..50 {
             let chain = planted(random, arm, [size, size]);
             let table = table::standard(arm, &chain.changes);
-            // A row whose normal is far away has its digits spent on the distance; below 1.5e-8 rad a tilt is left out.
+            // A row whose normal is far away has its digits spent on the distance.
             let far = table.dh.iter().fold(1.0, |far: f64, row| far.max(row.d.abs()));
-            assert!(far < 2e8, "{far}");
-            let left_out = if size < 1e-6 { 5e-8 } else { 0.0 };
+            assert!(far < 3e6, "{far}");
+            let left_out = left_out(&chain);
             for _ in 0..50 {
                 let joints = joints(random, arm);
                 let (found, expected) = (table.forward(&joints), chain.base_from_flange(&joints));
@@ -269,8 +279,7 @@ fn exact_measurements_lead_back<const N: usize>(random: &mut Random, arm: &Arm<N
         let largest = found.residuals.iter().fold(0.0, |most: f64, residual| most.max(residual.position_m));
         let tip = tip_errors_of(random, &truth, &found).largest;
         let far = found.arm.dh.iter().fold(1.0, |far: f64, row| far.max(row.d.abs()));
-        // Tilts of less than 1.5e-8 rad are left out of the table.
-        let left_out = if size < 1e-6 { 5e-8 } else { 0.0 };
+        let left_out = left_out(&truth);
         assert!(largest < 1e-14 && tip < 1e-14 * far + left_out, "{size}: {largest:e}, {tip:e} with d up to {far:e} m");
     }
 }
@@ -370,6 +379,26 @@ fn an_arm_that_was_calibrated_before_can_be_again() {
     let again = identify(&once.arm, &second, &TRACKER).expect("an arm");
     let after = tip_errors_of(&mut random, &truth, &again);
     assert!(after.rms < 5e-5, "{after:?}");
+}
+
+/// What was found is an arm that can be planned with, also when its axes are nearly parallel and their normals far away.
+#[test]
+fn a_calibrated_arm_has_an_inverse() {
+    let nominal = ik::ur::Geometry::of(&UR10E).expect("the shape of a UR");
+    for (seed, size) in (600..640).zip([1e-4, 1e-5, 1e-6, 1e-7].into_iter().cycle()) {
+        let mut random = Random(seed);
+        let truth = planted(&mut random, &UR10E, [size, size]);
+        let set = measurements(&mut random, &truth, POSES, None);
+        let found = identify(&UR10E, &set, &TRACKER).expect("an arm");
+        for _ in 0..100 {
+            let joints = joints(&mut random, &UR10E);
+            let pose = found.arm.forward(&joints);
+            let beside = JointPos(joints.0.map(|position| position + 0.05));
+            let answer = ik::calibrated::nearest(&nominal, &found.arm, &pose, &beside).expect("it was there");
+            let back = found.arm.forward(&answer.joints);
+            assert!((back.translation - pose.translation).norm() < 1e-10, "seed {seed}");
+        }
+    }
 }
 
 #[test]
