@@ -7,6 +7,7 @@ pub mod arms;
 pub mod clock;
 pub mod config;
 pub mod correction;
+pub mod ekf;
 pub mod fault;
 pub mod frame;
 pub mod guard;

@@ -10,6 +10,8 @@ use nalgebra::Vector3;
 use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::correction::CorrectionLimits;
+use screed_kernel::ekf::pose::TrackedPose;
+use screed_kernel::ekf::{Ekf, EkfError, State, Verdict};
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
 use screed_kernel::guard::{Motion, Periods, output_least};
@@ -17,7 +19,7 @@ use screed_kernel::ik::{self, Branches, IkError};
 use screed_kernel::pose::Pose;
 use screed_kernel::setpoint::{self, CodeError, Coder, Setpoint};
 use screed_kernel::tick::{Command, Kernel, Sensors};
-use screed_kernel::units::{JointPos, Nanos};
+use screed_kernel::units::{JointJerk, JointPos, JointVel, Nanos};
 
 /// The kernel of an N-joint arm, all of its public functions; the names differ by N.
 macro_rules! kernel_roots {
@@ -110,6 +112,40 @@ macro_rules! kernel_roots {
                 joints: &JointPos<$joints>,
             ) -> ([Pose; $joints], (Pose, Jacobian<$joints>)) {
                 (arm.frames(joints), arm.jacobian(joints))
+            }
+
+            /// [`Ekf::new`], [`Ekf::predict`], [`State::after`]
+            #[unsafe(export_name = concat!("root_ekf_predict_", $joints))]
+            pub fn ekf_predict(
+                ekf: &mut Ekf<$joints>,
+                deviation: &State<$joints>,
+                density: &[f64; $joints],
+                dt: f64,
+                jerk: &JointJerk<$joints>,
+            ) -> Result<State<$joints>, EkfError> {
+                ekf.predict(dt, jerk)?;
+                *ekf = Ekf::new(ekf.state().after(dt, jerk), deviation, density)?;
+                Ok(*ekf.state())
+            }
+
+            /// [`Ekf::pose`]
+            #[unsafe(export_name = concat!("root_ekf_pose_", $joints))]
+            pub fn ekf_pose(
+                ekf: &mut Ekf<$joints>,
+                arm: &Arm<$joints>,
+                measured: &TrackedPose,
+            ) -> Result<Verdict, EkfError> {
+                ekf.pose(arm, measured)
+            }
+
+            /// [`Ekf::rates`] and [`Ekf::encoders`]
+            #[unsafe(export_name = concat!("root_ekf_joints_", $joints))]
+            pub fn ekf_joints(
+                ekf: &mut Ekf<$joints>,
+                rates: &JointVel<$joints>,
+                joints: &JointPos<$joints>,
+            ) -> (Result<Verdict, EkfError>, Result<Verdict, EkfError>) {
+                (ekf.rates(rates, rates), ekf.encoders(joints, joints))
             }
         }
     };

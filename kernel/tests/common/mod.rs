@@ -1,8 +1,11 @@
 //! What the kernel's tests share: seeded numbers, a small arm, and a kernel with a host's two ends of the line.
 #![allow(dead_code)] // Each test takes what it needs.
 
+pub mod dense;
+pub mod estimation;
 pub mod fuzz;
 pub mod motion;
+pub mod plant;
 pub mod program;
 
 use screed_kernel::arm::{Arm, Dh, Joint, Rating};
