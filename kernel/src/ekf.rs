@@ -16,6 +16,7 @@ pub mod covariance;
 pub mod encoders;
 pub mod pose;
 pub mod rates;
+pub mod replay;
 mod root;
 
 use crate::units::{JointAcc, JointJerk, JointPos, JointVel};

@@ -11,6 +11,7 @@ use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::ekf::pose::TrackedPose;
+use screed_kernel::ekf::replay::{OfferError, Replay, Report, Stamped};
 use screed_kernel::ekf::{Ekf, EkfError, State, Verdict};
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
@@ -136,6 +137,24 @@ macro_rules! kernel_roots {
                 measured: &TrackedPose,
             ) -> Result<Verdict, EkfError> {
                 ekf.pose(arm, measured)
+            }
+
+            /// [`Replay`], all of it.
+            #[unsafe(export_name = concat!("root_ekf_replay_", $joints))]
+            pub fn ekf_replay(
+                filter: &mut Replay<$joints, 24>,
+                arm: &Arm<$joints>,
+                stamped: &Stamped<$joints>,
+                now: Nanos,
+                jerk: &JointJerk<$joints>,
+            ) -> (Result<(), OfferError>, Result<Report, EkfError>, State<$joints>) {
+                let offered = filter.offer(stamped);
+                let report = filter.tick(arm, now, jerk);
+                let ahead = filter.ahead(now.0 as f64, jerk);
+                if report.is_err() {
+                    *filter = Replay::new(*filter.ekf(), now);
+                }
+                (offered, report, ahead)
             }
 
             /// [`Ekf::rates`] and [`Ekf::encoders`]

@@ -115,8 +115,8 @@ impl Plant {
         });
         let jerk = JointJerk(jerk);
         self.truth = self.truth.after(self.dt, &jerk);
-        for i in 0..N {
-            let w = self.root * Vector3::from(self.random.normals(DENSITY[i].sqrt()));
+        for (i, density) in DENSITY.iter().enumerate() {
+            let w = self.root * Vector3::from(self.random.normals(density.sqrt()));
             self.truth.position.0[i] += w[0];
             self.truth.velocity.0[i] += w[1];
             self.truth.acceleration.0[i] += w[2];
