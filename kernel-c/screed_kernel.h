@@ -4,7 +4,7 @@
  * kernel has no clock, no heap, no thread and no input or output of its own: time and bytes are arguments. No function waits, loops
  * without bound, or fails but by its answer. A kernel may be used by one thread at a time.
  *
- * Units are SI: rad, m³/s, s. Frames of bytes are described in the crate screed-kernel, module `frame`.
+ * Units are SI: rad, m³/s, s. Frames of bytes are described in docs/frames.md.
  */
 #ifndef SCREED_KERNEL_H
 #define SCREED_KERNEL_H
@@ -32,7 +32,7 @@ extern "C" {
 /* Faults. */
 #define SCREED_FAULT_NONE 0
 #define SCREED_FAULT_FOLLOWING 1 /* the robot does not follow its setpoints */
-#define SCREED_FAULT_SENSOR 2    /* the robot reports a position that is not a number */
+#define SCREED_FAULT_SENSOR 2    /* a measured or estimated position is not a number */
 #define SCREED_FAULT_NOT_READY 3 /* the robot no longer takes setpoints */
 #define SCREED_FAULT_OUTPUT 4    /* a setpoint broke a limit at the last gate */
 #define SCREED_FAULT_EXTRUDER 5  /* the extruder failed */

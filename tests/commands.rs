@@ -39,8 +39,20 @@ fn exit_codes_are_as_documented() {
         (vec!["check"], 2),
         (vec!["check", "Cargo.lock"], 2),
         (vec!["sim", "ur", "--host", "0.0.0.0", "--port", "0"], 2),
+        (vec!["calibrate"], 2),
+        (vec!["calibrate", "frame"], 2),
+        (vec!["calibrate", "frame", "none.toml"], 3),
+        (vec!["calibrate", "target", &cell], 3),
         (vec!["check", "none.toml"], 3),
         (vec!["sim", "ur", "--model", "ur9", "--port", "0"], 3),
+        (vec!["sim", "ur", "--model", "ur18", "--port", "0"], 3),
+        (vec!["robot", "list"], 0),
+        (vec!["robot", "show", "nj130-2.6", "--json"], 0),
+        (vec!["robot", "check", "ur3e", "--count", "100"], 0),
+        (vec!["robot", "check", "none.urdf"], 3),
+        (vec!["robot", "check", "ur11"], 3),
+        (vec!["robot", "check", "ur10e", "--tip", "flange"], 2),
+        (vec!["robot", "check", "ur10e", "--count", "0"], 2),
         (vec!["log", "none.screedlog"], 1),
         (vec!["log", &cell], 1),
     ] {
@@ -64,6 +76,37 @@ fn a_typo_in_the_cell_file_is_shown_with_its_line_and_a_remedy() {
         file.display()
     );
     assert_eq!((code, out.as_str(), error.as_str()), (Some(3), "", expected.as_str()));
+}
+
+#[test]
+fn a_robot_is_proved_and_drawn_and_an_ambiguous_one_is_asked_for() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let plot = folder.path().join("arm.svg");
+    let (arm, urdf) = (fixture("data/robots/ur10e.toml"), fixture("data/robots/crooked.urdf"));
+    let (arm, urdf) = (arm.to_string_lossy(), urdf.to_string_lossy());
+    let (code, out, error) =
+        outcome(&["robot", "check", &arm, "--count", "200", "--json", "--plot", &plot.to_string_lossy()]);
+    assert_eq!((code, error.as_str()), (Some(0), ""));
+    let report: serde_json::Value = serde_json::from_str(&out).expect("JSON");
+    let checked = &report["checked"];
+    assert_eq!(
+        (report["name"].as_str(), checked["count"].as_u64(), checked["misses"].as_u64()),
+        (Some("my-ur10e"), Some(200), Some(0))
+    );
+    assert!(checked["position_error_m"].as_f64().is_some_and(|error| error < 1e-12), "{checked}");
+    assert!(checked["jacobian_error"].as_f64().is_some_and(|error| error < 1e-7), "{checked}");
+    assert!(checked["reach_m"][1].as_f64().is_some_and(|reach| (1.2..1.6).contains(&reach)), "{checked}");
+    let drawing = std::fs::read_to_string(&plot).expect("the drawing");
+    assert!(drawing.contains("my-ur10e") && drawing.ends_with("</svg>\n") && !drawing.contains("NaN"));
+    let (code, _, error) = outcome(&["robot", "show", &urdf]);
+    assert_eq!(code, Some(3));
+    assert!(
+        error.contains("can be flange or finger_left or finger_right")
+            && error.contains("remedy: name the flange with --tip"),
+        "{error}"
+    );
+    let (code, out, _) = outcome(&["robot", "show", &urdf, "--tip", "flange"]);
+    assert!(code == Some(0) && out.contains("joint grip_left (prismatic) is not on the chain"), "{out}");
 }
 
 #[test]

@@ -54,7 +54,7 @@ fn negotiation_operation_and_failure_allocate_nothing() {
         program: program.text().expect("legal"),
         autoplay: true,
     };
-    let mut controller = Controller::new("ur10e", options).expect("legal");
+    let mut controller = Controller::new(&UR10E, options).expect("legal");
     let connection = controller.connect();
     let mut client = RtdeClient::new(&UR10E, 500, 24, 100_000_000).expect("legal");
     let mut allocations = 0;

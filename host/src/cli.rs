@@ -1,11 +1,13 @@
 //! The command line: raw arguments, then checked ones, then one match.
 
 pub mod args;
+mod calibrate;
 mod check;
 mod demo;
 mod log;
 mod plan;
 mod print;
+mod robot;
 mod sim;
 mod tape;
 
@@ -13,7 +15,7 @@ use crate::failure::{Exit, Failure};
 use crate::model::fim::{self, FimModel};
 use crate::run::children::VERSION;
 use crate::run::rt::{self, RtArgs};
-use args::{CheckArgs, DemoArgs, LogArgs, PlanArgs, PrintArgs, SimCommand};
+use args::{CalibrateCommand, CheckArgs, DemoArgs, LogArgs, PlanArgs, PrintArgs, RobotCommand, SimCommand};
 use clap::{Parser, Subcommand};
 use std::io::{ErrorKind, Write};
 use std::path::Path;
@@ -40,8 +42,14 @@ enum Command {
     Print(PrintArgs),
     /// Say whether a cell file or a model is sound, and what was looked at
     Check(CheckArgs),
+    /// Find frames, tools and an arm's geometry from measurements
+    #[command(subcommand)]
+    Calibrate(CalibrateCommand),
     /// Read a cycle log
     Log(LogArgs),
+    /// Name robots, show one, or prove a description of one
+    #[command(subcommand)]
+    Robot(RobotCommand),
     /// Run a simulated machine
     #[command(subcommand)]
     Sim(SimCommand),
@@ -73,7 +81,9 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Print(args) => print::run(args),
         Command::Rt(args) => Ok(rt::run(args)?),
         Command::Check(args) => check::run(args),
+        Command::Calibrate(command) => calibrate::run(command),
         Command::Log(args) => log::run(args),
+        Command::Robot(command) => robot::run(command),
         Command::Sim(SimCommand::Ur(args)) => sim::ur(args),
         Command::Sim(SimCommand::Extruder(args)) => sim::extruder(args),
     }

@@ -5,14 +5,15 @@
 
 mod error;
 mod kernel;
-mod keys;
-mod read;
+pub(crate) mod keys;
+pub(crate) mod read;
 mod sections;
 #[cfg(test)]
 mod tests;
 
 pub use error::{ConfigError, Fault, Finding};
 
+use crate::robot::calibration::Calibrated;
 use read::Document;
 use screed_kernel::arm::Arm;
 use screed_kernel::guard::Plane;
@@ -50,8 +51,10 @@ pub struct Cell {
 pub struct Robot {
     /// The name in the catalogue: "ur10e".
     pub model: String,
-    /// Its geometry and data sheet.
+    /// Its geometry and data sheet; of the unit, where there is a calibration. Speeds that no data sheet gives are the cell's.
     pub arm: Arm<6>,
+    /// The unit's calibration.
+    pub calibration: Option<Calibrated>,
     /// Whether a simulated controller answers at the link's address. A robot that is not simulated moves only when a
     /// person says so on the command line.
     pub simulated: bool,

@@ -1,5 +1,6 @@
 //! Screed's host: models, planning, links, simulated peers, and the processes that run them.
 
+pub mod calibrate;
 pub mod cli;
 pub mod config;
 pub mod failure;
@@ -7,5 +8,7 @@ pub mod link;
 pub mod log;
 pub mod model;
 pub mod plan;
+pub mod robot;
 pub mod run;
 pub mod sim;
+mod svg;

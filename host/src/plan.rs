@@ -27,7 +27,6 @@ use moves::{Move, MoveKind};
 use path::Point;
 use route::Route;
 use screed_kernel::guard::{Quantity, Violation};
-use screed_kernel::ik::ur;
 use screed_kernel::units::JointPos;
 use stream::{Batches, Setpoint};
 use tooling::{Tooling, on_grid};
@@ -97,14 +96,15 @@ impl Plan {
             _ => return Ok(Vec::new()),
         };
         let layer = self.moves.first().map_or(0, |step| step.layer);
-        let inverse = |seed: &JointPos<6>| ur::inverse(&self.tooling.arm, &self.tooling.flange_at(&above), seed);
+        let inverse = |seed: &JointPos<6>| self.tooling.branches_at(&above, seed);
         let found = inverse(&self.start).map_err(|why| PlanError::OutOfReach {
             place: Box::new(self.place(MoveKind::Approach, layer, Some(above), None)),
             why,
         })?;
         let others = inverse(&JointPos::ZERO);
         let others = others.iter().flat_map(|others| others.as_slice());
-        let mut branches: Vec<_> = found.as_slice().iter().chain(others).map(on_grid).collect();
+        let mut branches: Vec<_> =
+            found.as_slice().iter().chain(others).map(|answer| on_grid(&answer.joints)).collect();
         let turn = |joints: &JointPos<6>| {
             joints.0.iter().zip(&self.start.0).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
         };

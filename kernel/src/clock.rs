@@ -94,7 +94,14 @@ impl<const N: usize> PathClock<N> {
     }
 
     /// Advances by one tick of `period` s, which is `samples` sample periods, in (0, 1].
+    ///
+    /// From a rest the clock is at its target at once: the next setpoints start at rest, their own ramp is the ramp, and they
+    /// are put out exactly as they came. That is decided here and not when the target is set, so that a resume which is taken
+    /// back before the next tick moves nothing.
     pub fn advance<const CAP: usize>(&mut self, ring: &mut Ring<N, CAP>, period: f64, samples: f64) -> Played<N> {
+        if self.is_played_out() && self.phase == 0.0 {
+            self.rate = Ramp::at(self.target);
+        }
         let mean = self.rate.step(self.target, &RATE_LIMITS, period);
         // The ramp stays between its targets but for rounding, and 0 and 1 are no place for that: nothing is played backwards.
         self.rate.value = self.rate.value.clamp(0.0, 1.0);
@@ -115,14 +122,6 @@ impl<const N: usize> PathClock<N> {
             self.phase = 0.0;
         }
         self.played(flow)
-    }
-
-    /// Goes to the target rate at once if everything taken has been played: the next setpoints start at rest, their own ramp
-    /// is the ramp, and they are put out exactly as they came.
-    pub fn start(&mut self) {
-        if self.is_played_out() && self.phase == 0.0 {
-            self.rate = Ramp::at(self.target);
-        }
     }
 
     /// Flow of the interval that the phase is in.
@@ -183,7 +182,6 @@ mod tests {
         // 3 and 10 are no powers of two: a third of a sample three times over is still the next sample.
         for ticks in [1, 2, 3, 4, 8, 10] {
             let (mut ring, mut clock) = moving(500);
-            clock.start();
             let expected: Vec<_> = (1..=500).map(|seq| *ring.get(seq).unwrap()).collect();
             let samples = 1.0 / ticks as f64;
             let played: Vec<_> =
@@ -202,7 +200,6 @@ mod tests {
     #[test]
     fn a_stop_takes_less_than_a_second_and_keeps_its_bounds() {
         let (mut ring, mut clock) = moving(1000);
-        clock.start();
         for _ in 0..300 {
             clock.advance(&mut ring, PERIOD, 1.0);
         }

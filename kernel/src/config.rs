@@ -36,6 +36,10 @@ const TICKS_MAX: u64 = 100;
 /// Least and greatest tick period (ns).
 const TICK_PERIODS_NS: core::ops::RangeInclusive<u64> = 100_000..=100_000_000;
 
+/// How far a tool may reach from the flange (m) and be turned (rad): as far as a joint may. Within it no product with a plane's
+/// normal overflows, so that what a workspace refuses is always a number.
+const TOOL_MAX: f64 = 1024.0;
+
 /// How far a plane's normal may be from length 1.
 const NORMAL_ROUNDING: f64 = 1e-9;
 
@@ -75,10 +79,9 @@ impl<const N: usize> Config<N> {
             Unsound::Positions,
         )?;
         has_room(&motion, &output_least(&plan, periods, &correction))?;
-        sound(configure.flange_from_tcp.iter().all(|value| value.is_finite()), Unsound::Tool)?;
+        sound(configure.flange_from_tcp.iter().all(|value| within(&libm::fabs(*value), &TOOL_MAX)), Unsound::Tool)?;
         let [x, y, z, rx, ry, rz] = configure.flange_from_tcp;
         let flange_from_tcp = Pose::from_rotation_vector(Vector3::new(x, y, z), Vector3::new(rx, ry, rz));
-        sound(flange_from_tcp.is_finite(), Unsound::Tool)?;
         let planes = configure.workspace.clone();
         sound(
             planes.iter().all(|plane| {

@@ -1,49 +1,438 @@
 //! Inverse kinematics: every joint vector that puts the flange where it is wanted.
+//!
+//! An [`Answer`] says which [`Branch`] it is on and how far from each singularity; an answer close to one is still an answer.
+//! Errors are for poses to which none can be given.
 
+pub mod calibrated;
+mod family;
+pub mod gantry;
+pub mod numeric;
 pub mod ur;
+pub mod wrist;
 
+pub use family::Family;
+
+use crate::arm::{Arm, JointKind};
+use crate::pose::Pose;
 use crate::units::JointPos;
+use core::f64::consts::PI;
+use nalgebra::Vector3;
+
+/// How far (rad) a joint may lie beyond its limit and be taken to lie on it: what rounding alone does.
+pub const LIMIT_TOLERANCE: f64 = 1e-13;
+/// The most full turns of one joint that [`turns`] lists.
+pub const TURNS_MAX: f64 = 64.0;
+/// How far a pose's axes may be from unit length and right angles to each other.
+pub const ROTATION_TOLERANCE: f64 = 1e-6;
 
 /// Why there is no answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum IkError {
-    /// The pose has a component that is NaN or infinite.
+    /// The pose or the seed has a component that is NaN or infinite.
     NotFinite,
+    /// The pose's rotation is none: its axes are not of unit length, not square to each other, or left-handed.
+    NotRotation {
+        /// The root of the sum of squares of the deviations found, more than [`ROTATION_TOLERANCE`].
+        by: f64,
+    },
+    /// The arm's table does not have the shape that this closed form needs.
+    OtherShape,
     /// The pose lies outside what the arm can reach; by how much, in metres, the nearest branch misses it.
     OutOfReach {
         /// Distance missing (m).
         by: f64,
     },
+    /// The arm cannot give the flange this orientation wherever it is (arms with fewer than six axes).
+    Orientation {
+        /// The angle missing (rad).
+        by: f64,
+    },
     /// The pose can be reached, but no branch lies inside the joint limits.
     Limit {
-        /// The joint (0 is the first) that the branch nearest to the seed needs beyond its limit.
+        /// The joint (0 is the first) that the branch nearest to its limits needs beyond them.
         joint: usize,
-        /// Where that joint would have to be (rad).
+        /// Where that joint would have to be (rad, m).
         position: f64,
+    },
+    /// So close to a singularity that the joints cannot be found.
+    Singular {
+        /// Which.
+        singularity: Singularity,
+        /// How far from it, as in [`Margins`].
+        distance: f64,
+    },
+    /// The iteration's cap was reached.
+    NotConverged {
+        /// What was left: the larger of the distance (m) and the angle (rad) to the pose.
+        residual: f64,
     },
 }
 
-/// At most eight branches.
+/// Where two branches meet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Singularity {
+    /// The wrist centre is as near to the axis of joint 1 as the arm's shape lets it.
+    Shoulder,
+    /// The arm is stretched or folded.
+    Elbow,
+    /// Joints 4 and 6 turn about parallel axes.
+    Wrist,
+}
+
+/// How far an answer is from each singularity, without unit and not negative; 0 is on it. What each is the sine or the share
+/// of, the family's module says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Margins {
+    /// From [`Singularity::Shoulder`].
+    pub shoulder: f64,
+    /// From [`Singularity::Elbow`].
+    pub elbow: f64,
+    /// From [`Singularity::Wrist`].
+    pub wrist: f64,
+}
+
+impl Margins {
+    /// The nearest singularity, and how far it is.
+    pub fn nearest(&self) -> (Singularity, f64) {
+        let mut nearest = (Singularity::Shoulder, self.shoulder);
+        for other in [(Singularity::Elbow, self.elbow), (Singularity::Wrist, self.wrist)] {
+            if other.1 < nearest.1 {
+                nearest = other;
+            }
+        }
+        nearest
+    }
+}
+
+/// One of the two ways of a choice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Side {
+    /// The family's module says what is positive.
+    Plus,
+    /// And negative.
+    Minus,
+}
+
+/// Which of the (at most) eight answers: it stays the same along a path until that crosses a singularity, and at one it still
+/// tells the answers apart that meet there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Branch {
+    /// On which side of joint 1's axis the arm reaches.
+    pub shoulder: Side,
+    /// To which side the elbow is bent.
+    pub elbow: Side,
+    /// To which side the wrist is bent.
+    pub wrist: Side,
+}
+
+/// Joints that reach the pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer<const N: usize> {
+    /// Where they are, inside the limits; of all full turns the nearest to the seed.
+    pub joints: JointPos<N>,
+    /// Which branch; `None` where the arm has no such branches (a gantry) or they are not known (a numeric answer).
+    pub branch: Option<Branch>,
+    /// How far from each singularity; `None` as for the branch.
+    pub margins: Option<Margins>,
+    /// At a singularity, the joint that the pose leaves free: it stays where the seed has it.
+    pub free: Option<usize>,
+}
+
+/// All branches: at most eight answers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Branches<const N: usize> {
-    joints: [JointPos<N>; 8],
+    answers: [Answer<N>; 8],
     len: usize,
+}
+
+impl Singularity {
+    /// The word for a person.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Shoulder => "shoulder",
+            Self::Elbow => "elbow",
+            Self::Wrist => "wrist",
+        }
+    }
+}
+
+impl Side {
+    /// +1 or −1.
+    pub const fn sign(self) -> f64 {
+        match self {
+            Self::Plus => 1.0,
+            Self::Minus => -1.0,
+        }
+    }
+
+    /// The side of a number; zero is [`Side::Plus`].
+    pub const fn of(value: f64) -> Self {
+        if value < 0.0 { Self::Minus } else { Self::Plus }
+    }
 }
 
 impl<const N: usize> Branches<N> {
     const fn empty() -> Self {
-        Self { joints: [JointPos::ZERO; 8], len: 0 }
+        let none = Answer { joints: JointPos::ZERO, branch: None, margins: None, free: None };
+        Self { answers: [none; 8], len: 0 }
     }
 
-    fn push(&mut self, joints: JointPos<N>) {
-        if let Some(slot) = self.joints.get_mut(self.len) {
-            *slot = joints;
+    fn one(answer: Answer<N>) -> Self {
+        let mut one = Self::empty();
+        one.push(answer);
+        one
+    }
+
+    fn push(&mut self, answer: Answer<N>) {
+        if let Some(slot) = self.answers.get_mut(self.len) {
+            *slot = answer;
             self.len = self.len.wrapping_add(1);
         }
     }
 
-    /// The branches found, in no promised order.
-    pub fn as_slice(&self) -> &[JointPos<N>] {
-        self.joints.get(..self.len).unwrap_or(&[])
+    /// The answers found, in no promised order.
+    pub fn as_slice(&self) -> &[Answer<N>] {
+        self.answers.get(..self.len).unwrap_or(&[])
+    }
+
+    /// The answer whose largest joint difference to `seed` (rad, m) is the least.
+    pub fn nearest(&self, seed: &JointPos<N>) -> Option<&Answer<N>> {
+        let mut best = (f64::INFINITY, None);
+        for answer in self.as_slice() {
+            let distance = distance(&answer.joints, seed);
+            if distance < best.0 {
+                best = (distance, Some(answer));
+            }
+        }
+        best.1
+    }
+}
+
+/// What the branches that gave no answer missed, to say why there is none at all.
+#[derive(Clone, Copy, Debug)]
+struct Missed {
+    by: f64,
+    beyond: f64,
+    limit: Option<(usize, f64)>,
+}
+
+impl Missed {
+    const fn nothing() -> Self {
+        Self { by: f64::INFINITY, beyond: f64::INFINITY, limit: None }
+    }
+
+    /// A branch is out of reach by so much (m).
+    const fn reach(&mut self, by: f64) {
+        self.by = self.by.min(by);
+    }
+
+    /// A branch needs a joint beyond its limit.
+    const fn limit(&mut self, beyond: Beyond) {
+        if beyond.by < self.beyond {
+            self.beyond = beyond.by;
+            self.limit = Some((beyond.joint, beyond.position));
+        }
+    }
+
+    const fn error(&self) -> IkError {
+        match self.limit {
+            Some((joint, position)) => IkError::Limit { joint, position },
+            None => IkError::OutOfReach { by: self.by },
+        }
+    }
+}
+
+/// A joint that no full turn puts inside its limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Beyond {
+    joint: usize,
+    position: f64,
+    by: f64,
+}
+
+/// What every inverse asks of its arguments. A NaN or an infinity makes each sum NaN.
+fn check<const N: usize>(pose: &Pose, seed: &JointPos<N>) -> Result<(), IkError> {
+    let Pose { rotation, translation } = pose;
+    let axis = |column: usize| -> Vector3<f64> { rotation.column(column).into() };
+    let (x, y, z) = (axis(0), axis(1), axis(2));
+    let (long, wide) = (x.norm_squared() - 1.0, y.norm_squared() - 1.0);
+    let squared = (x.cross(&y) - z).norm_squared() + long * long + wide * wide;
+    let others = translation.iter().chain(&seed.0).fold(0.0, |sum, value| sum + value * 0.0);
+    if squared <= ROTATION_TOLERANCE * ROTATION_TOLERANCE && others == 0.0 {
+        return Ok(());
+    }
+    if !pose.is_finite() || !seed.is_finite() {
+        return Err(IkError::NotFinite);
+    }
+    Err(IkError::NotRotation { by: libm::sqrt(squared) })
+}
+
+/// The largest joint difference (rad, m).
+fn distance<const N: usize>(a: &JointPos<N>, b: &JointPos<N>) -> f64 {
+    a.0.iter().zip(&b.0).fold(0.0, |far: f64, (a, b)| far.max(libm::fabs(a - b)))
+}
+
+/// Turns each revolute joint by full turns to lie nearest to the seed and inside the limits, or names the joint that cannot.
+fn turned<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>, seed: &JointPos<N>) -> Result<JointPos<N>, Beyond> {
+    let mut turned = *joints;
+    let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
+    let given = arm.joints.iter().zip(&seed.0).zip(limits);
+    for (joint, (position, ((moved, seed), (&low, &high)))) in (0..N).zip(turned.0.iter_mut().zip(given)) {
+        let revolute = matches!(moved.kind, JointKind::Revolute);
+        let away = *position - seed;
+        // At most one turn, mostly.
+        let near = match revolute {
+            true if away > PI => *position - 2.0 * PI,
+            true if away < -PI => *position + 2.0 * PI,
+            _ => *position,
+        };
+        if low <= near && near <= high && (libm::fabs(near - seed) <= PI || !revolute) {
+            *position = near;
+            continue;
+        }
+        let found = if revolute { full_turns(*position, *seed, low, high) } else { on_limit(*position, low, high) };
+        *position = found.map_err(|(position, by)| Beyond { joint, position, by })?;
+    }
+    Ok(turned)
+}
+
+/// The position plus the count of full turns that puts it nearest to the seed inside the limits; or the position nearest to
+/// the seed, and how far the nearest of all is beyond the limits.
+#[cold]
+fn full_turns(position: f64, seed: f64, low: f64, high: f64) -> Result<f64, (f64, f64)> {
+    let nearest = position + 2.0 * PI * libm::round((seed - position) / (2.0 * PI));
+    if low <= nearest && nearest <= high {
+        return Ok(nearest);
+    }
+    // The first turn inside, seen from the side that `nearest` is on.
+    let inside = if nearest < low {
+        nearest + 2.0 * PI * libm::ceil((low - LIMIT_TOLERANCE - nearest) / (2.0 * PI))
+    } else {
+        nearest - 2.0 * PI * libm::ceil((nearest - high - LIMIT_TOLERANCE) / (2.0 * PI))
+    };
+    on_limit(inside, low, high).map_err(|(_, by)| {
+        let back = if nearest < low { low - (inside - 2.0 * PI) } else { inside + 2.0 * PI - high };
+        (nearest, by.min(libm::fabs(back)))
+    })
+}
+
+/// The position, if it is inside the limits or beyond them by no more than rounding; or itself and how far it is beyond.
+fn on_limit(position: f64, low: f64, high: f64) -> Result<f64, (f64, f64)> {
+    let by = (low - position).max(position - high);
+    if by <= LIMIT_TOLERANCE { Ok(position.max(low).min(high)) } else { Err((position, by)) }
+}
+
+/// Every way to reach the same pose by full turns of the joints inside their limits.
+///
+/// A joint without end (an infinite limit, or more than [`TURNS_MAX`] turns) or a sliding one keeps its position. The count is
+/// the product over the joints: a UR's ±360° give two for each joint, three for one at 0°. The first joint changes first.
+pub fn turns<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>) -> Turns<N> {
+    let mut turns = Turns { lowest: *joints, highest: *joints, next: Some(*joints) };
+    let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
+    let ends = turns.lowest.0.iter_mut().zip(turns.highest.0.iter_mut());
+    for (((lowest, highest), joint), (low, high)) in ends.zip(&arm.joints).zip(limits) {
+        if joint.kind == JointKind::Revolute && high - low <= 2.0 * PI * TURNS_MAX {
+            *lowest -= 2.0 * PI * libm::floor((*lowest - low + LIMIT_TOLERANCE) / (2.0 * PI));
+            *highest += 2.0 * PI * libm::floor((high + LIMIT_TOLERANCE - *highest) / (2.0 * PI));
+        }
+        if *lowest > *highest || !(on_limit(*lowest, *low, *high).is_ok() && on_limit(*highest, *low, *high).is_ok()) {
+            turns.next = None;
+        }
+    }
+    turns.next = turns.next.map(|_| turns.lowest);
+    turns
+}
+
+/// The iterator of [`turns`].
+#[derive(Clone, Copy, Debug)]
+pub struct Turns<const N: usize> {
+    lowest: JointPos<N>,
+    highest: JointPos<N>,
+    next: Option<JointPos<N>>,
+}
+
+impl<const N: usize> Iterator for Turns<N> {
+    type Item = JointPos<N>;
+
+    fn next(&mut self) -> Option<JointPos<N>> {
+        let this = self.next?;
+        let mut following = this;
+        self.next = None;
+        // Counting: the first joint that can go on does, those before it start again.
+        for ((position, lowest), highest) in following.0.iter_mut().zip(&self.lowest.0).zip(&self.highest.0) {
+            let turned = *position + 2.0 * PI;
+            // Of positions beyond 1e16 rad a turn is less than rounding.
+            if *highest - *position > PI && turned > *position {
+                *position = turned;
+                self.next = Some(following);
+                break;
+            }
+            *position = *lowest;
+        }
+        Some(this)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::*;
+    use crate::arms::ur::UR10E;
+    use std::vec::Vec;
+
+    fn ur_with(position_min: f64, position_max: f64) -> Arm<6> {
+        Arm { position_min: JointPos([position_min; 6]), position_max: JointPos([position_max; 6]), ..UR10E }
+    }
+
+    #[test]
+    fn turns_are_all_that_limits_leave() {
+        let joints = JointPos([0.0, 1.0, -1.0, 3.0, 2.0 * PI, -6.0]);
+        let all: Vec<_> = turns(&UR10E, &joints).collect();
+        assert_eq!(all.len(), 3 * 2 * 2 * 2 * 3 * 2);
+        let pose = UR10E.forward(&joints);
+        for (k, turned) in all.iter().enumerate() {
+            assert!(turned.0.iter().all(|position| libm::fabs(*position) <= 2.0 * PI + LIMIT_TOLERANCE), "{turned:?}");
+            assert!((UR10E.forward(turned).rotation - pose.rotation).amax() < 1e-14);
+            assert!(all[..k].iter().all(|other| distance(other, turned) > 6.0), "{turned:?} twice");
+        }
+        let mut endless = UR10E;
+        (endless.position_min.0[5], endless.position_max.0[5]) = (f64::NEG_INFINITY, f64::INFINITY);
+        assert_eq!(turns(&endless, &joints).count(), 3 * 2 * 2 * 2 * 3);
+        assert!(turns(&endless, &joints).all(|turned| turned.0[5] == -6.0));
+        assert_eq!(turns(&ur_with(-1.0, 0.5), &joints).count(), 0, "no turn puts joint 4 inside");
+        assert_eq!(turns(&ur_with(1e17, 1e17 + 100.0), &JointPos([1e17; 6])).count(), 1, "a turn is lost in rounding");
+        assert!(turns(&ur_with(-f64::MAX, f64::MAX), &joints).eq([joints]));
+    }
+
+    #[test]
+    fn the_turn_nearest_to_the_seed_inside_the_limits_is_taken() {
+        let zero = JointPos([0.0; 6]);
+        for (seed, expected) in
+            [(0.0, 0.0), (3.0, 0.0), (3.2, 2.0 * PI), (9.0, 2.0 * PI), (100.0, 2.0 * PI), (-9.9, -2.0 * PI)]
+        {
+            assert_eq!(turned(&UR10E, &zero, &JointPos([seed; 6])), Ok(JointPos([expected; 6])), "seed {seed}");
+        }
+        // On the limit but for rounding is on it; beyond it is not.
+        let narrow = ur_with(-1.0, 1.0);
+        assert_eq!(turned(&narrow, &JointPos([1.0 + 5e-14; 6]), &zero), Ok(JointPos([1.0; 6])));
+        assert_eq!(turned(&narrow, &JointPos([-1.0 - 5e-14 + 4.0 * PI; 6]), &zero).unwrap().0[3], -1.0);
+        let beyond = turned(&narrow, &JointPos([0.0, 0.0, 1.5, 0.0, 0.0, 0.0]), &zero);
+        assert_eq!(beyond, Err(Beyond { joint: 2, position: 1.5, by: 0.5 }));
+        let beyond =
+            turned(&narrow, &JointPos([2.0 * PI - 1.2, 0.0, 0.0, 0.0, 0.0, 0.0]), &JointPos([5.0; 6])).unwrap_err();
+        assert!(beyond.joint == 0 && libm::fabs(beyond.by - 0.2) < 1e-15 && libm::fabs(beyond.position - 5.083) < 1e-3);
+    }
+
+    #[test]
+    fn what_is_no_rotation_is_refused() {
+        let pose = UR10E.forward(&JointPos([0.1, -1.0, 1.0, 0.4, 0.7, 0.2]));
+        assert_eq!(check(&pose, &JointPos::<6>::ZERO), Ok(()));
+        let with = |rotation| check(&Pose { rotation, ..pose }, &JointPos::<6>::ZERO);
+        for rotation in [pose.rotation * 1.1, -pose.rotation, pose.rotation.map(|entry| entry + 1e-5)] {
+            assert!(matches!(with(rotation), Err(IkError::NotRotation { by }) if by > 1e-6), "{rotation}");
+        }
+        assert_eq!(with(pose.rotation * f64::NAN), Err(IkError::NotFinite));
+        assert_eq!(check(&pose, &JointPos([f64::INFINITY; 6])), Err(IkError::NotFinite));
     }
 }

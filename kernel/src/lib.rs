@@ -7,6 +7,7 @@ pub mod arms;
 pub mod clock;
 pub mod config;
 pub mod correction;
+pub mod dexterity;
 pub mod ekf;
 pub mod fault;
 pub mod frame;
@@ -16,6 +17,7 @@ pub mod interpolate;
 pub mod mode;
 pub mod pose;
 pub mod ramp;
+pub mod registration;
 pub mod ring;
 pub mod setpoint;
 #[cfg(test)]

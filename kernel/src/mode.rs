@@ -12,6 +12,10 @@
 //! ```
 //!
 //! Every fault passes through Stopping, if only for one tick: there a correction is ramped out as well.
+//!
+//! Not drawn: a resume leads from Stopping back to Moving while it is for a hold; a stop, and above it a fault, take the place
+//! of a lesser cause; a lost link leads from Stopping for a fault at once to Faulted, and from any other mode without a fault
+//! to Unready.
 
 use crate::fault::Fault;
 use crate::frame::ModeCode;

@@ -324,11 +324,16 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             return;
         }
         let stopped = self.clock.is_stopped();
-        let played_out = self.clock.is_played_out() && self.ring.is_empty();
+        let played_out = self.is_played_out();
         let corrected = self.mode.fault().is_some() && !self.correction.is_none();
         if (stopped || played_out) && !corrected {
             self.change(if played_out { Event::PlayedOut } else { Event::AtRest });
         }
+    }
+
+    /// Whether nothing is left to play, in the ring or of what the clock has taken from it.
+    fn is_played_out(&self) -> bool {
+        self.ring.is_empty() && self.clock.is_played_out()
     }
 
     /// The only writer of the mode; what belongs to a change is done here.
@@ -356,11 +361,10 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             }
             Mode::Holding if matches!(event, Event::Stop) => self.drop_ring(),
             Mode::Holding if matches!(before, Mode::Stopping { cause: StopCause::Stop }) => self.drop_ring(),
-            Mode::Holding if self.clock.is_played_out() && self.ring.is_empty() => self.stand(),
+            Mode::Holding if self.is_played_out() => self.stand(),
             Mode::Faulted { .. } => self.drop_ring(),
             Mode::Moving => {
                 self.clock.set_target(self.rate);
-                self.clock.start();
             }
             Mode::Stopping { .. } => {
                 self.clock.set_target(0.0);

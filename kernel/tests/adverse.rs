@@ -171,3 +171,58 @@ fn after_any_noise_the_next_frame_is_obeyed() {
         }
     }
 }
+
+#[test]
+fn a_resume_that_is_taken_back_before_the_next_tick_moves_nothing() {
+    type TakeBack = fn(&mut Bench);
+    let found: [(TakeBack, ModeCode); 4] = [
+        (|b| b.say(&ToKernel::Hold), ModeCode::Holding),
+        (|b| b.say(&ToKernel::Stop), ModeCode::Holding),
+        (|b| b.kernel.raise(Fault::Extruder), ModeCode::Faulted),
+        (|b| b.sensors.ready = false, ModeCode::Faulted),
+    ];
+    for (take_back, mode) in found {
+        let mut bench = bench();
+        assert_eq!(bench.batch(1, None, &sweep(0.1, 0.6, 1000)), None);
+        let stood = bench.sensors.actual;
+        bench.resume();
+        take_back(&mut bench);
+        let command = bench.tick();
+        assert_eq!((command.joints.unwrap_or(stood), command.mode.code()), (stood, mode));
+        assert_eq!(bench.status().consumed, 0);
+    }
+}
+
+#[test]
+fn a_configuration_waits_for_what_the_clock_has_taken_from_an_empty_ring() {
+    let slow = || configure(&PLAN, 8_000_000, PERIOD_NS, CorrectionLimits::NONE);
+    let mut bench = Bench::new(slow());
+    let motion = sweep(0.1, 0.6, 300);
+    assert_eq!(bench.batch(1, None, &motion), None);
+    bench.resume();
+    bench.say(&ToKernel::Rate(0.2));
+    while bench.status().consumed < 302 {
+        bench.tick();
+        if bench.status().consumed == 298 {
+            bench.say(&ToKernel::Rate(0.02));
+        }
+    }
+    bench.say(&ToKernel::Hold);
+    while bench.status().mode != ModeCode::Holding {
+        bench.tick();
+    }
+    let (status, end) = (bench.status(), motion.last().unwrap().joints);
+    assert!(
+        status.consumed == status.end_seq && bench.sensors.actual != end,
+        "the ring is empty before the path's end"
+    );
+    bench.say(&ToKernel::Configure(slow()));
+    assert_eq!((bench.refusal(), bench.status().epoch), (Some(Refusal::Mode), status.epoch));
+    bench.resume();
+    while bench.status().mode != ModeCode::Holding {
+        bench.tick();
+    }
+    assert_eq!(bench.sensors.actual, end);
+    bench.say(&ToKernel::Configure(slow()));
+    assert_eq!(bench.refusal(), None);
+}

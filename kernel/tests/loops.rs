@@ -4,6 +4,7 @@
 mod common;
 
 use common::Random;
+use screed_kernel::dexterity::SWEEPS_MAX;
 use screed_kernel::ekf::replay::{STEP_MEASUREMENTS_MAX, WAITING_MAX};
 use screed_kernel::frame::{self, BatchPart, CODE_MAX, FRAME_MAX, JOINTS_MAX, ToKernel, WIRE_MAX};
 use screed_kernel::guard::PLANES_MAX;
@@ -17,8 +18,18 @@ use std::path::{Path, PathBuf};
 
 /// What begins a loop: a statement, or a call that walks an array or a slice.
 const STATEMENTS: [&str; 3] = ["for ", "while ", "loop "];
-const CALLS: [&str; 7] =
-    [".iter()", ".iter_mut()", ".into_iter()", "from_fn(", ".copy_within(", ".copy_from_slice(", ".repeat("];
+const CALLS: [&str; 9] = [
+    ".iter()",
+    ".iter_mut()",
+    ".into_iter()",
+    "from_fn(",
+    ".copy_within(",
+    ".copy_from_slice(",
+    ".repeat(",
+    // Of an array; that of an option turns once.
+    "].map(",
+    "joints.map(",
+];
 
 /// Count of loops by file and function.
 type Loops = BTreeMap<(String, String), usize>;
@@ -141,6 +152,7 @@ fn the_constants_have_the_listed_values() {
     for (name, value) in [
         ("JOINTS_MAX", JOINTS_MAX),
         ("PLANES_MAX", PLANES_MAX),
+        ("SWEEPS_MAX", SWEEPS_MAX),
         ("EXTENTS_MAX", EXTENTS_MAX),
         ("RECEIVE_MAX", RECEIVE_MAX),
         ("FRAME_MAX", FRAME_MAX),

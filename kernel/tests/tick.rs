@@ -375,6 +375,9 @@ fn a_configuration_that_cannot_be_is_refused_with_what_is_wrong() {
     assert_eq!(with(|c| c.deviation_max = -0.1), unsound(Unsound::Errors));
     assert_eq!(with(|c| c.correction.size_max = 0.0), unsound(Unsound::Correction));
     assert_eq!(with(|c| c.flange_from_tcp[4] = f64::INFINITY), unsound(Unsound::Tool));
+    assert_eq!(with(|c| c.flange_from_tcp[0] = f64::NAN), unsound(Unsound::Tool));
+    assert_eq!(with(|c| c.flange_from_tcp[0] = -1024.0), None);
+    assert_eq!(with(|c| c.flange_from_tcp[0] = -1e308), unsound(Unsound::Tool), "a plane would refuse it with NaN");
     let plane = Plane { normal_in_base: [1.0, 0.1, 0.0], offset: 1.0 };
     assert_eq!(
         {

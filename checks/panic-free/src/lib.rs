@@ -6,18 +6,20 @@
 #![no_std]
 
 use core::mem::MaybeUninit;
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3};
 use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::correction::CorrectionLimits;
+use screed_kernel::dexterity::Dexterity;
 use screed_kernel::ekf::pose::TrackedPose;
 use screed_kernel::ekf::replay::{OfferError, Replay, Report, Stamped};
 use screed_kernel::ekf::{Ekf, EkfError, State, Verdict};
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
 use screed_kernel::guard::{Motion, Periods, output_least};
-use screed_kernel::ik::{self, Branches, IkError};
+use screed_kernel::ik::{self, Answer, Branches, Family, IkError};
 use screed_kernel::pose::Pose;
+use screed_kernel::registration::{PointPair, Registration, RegistrationError, register};
 use screed_kernel::setpoint::{self, CodeError, Coder, Setpoint};
 use screed_kernel::tick::{Command, Kernel, Sensors};
 use screed_kernel::units::{JointJerk, JointPos, JointVel, Nanos};
@@ -104,6 +106,13 @@ macro_rules! kernel_roots {
             #[unsafe(export_name = concat!("root_forward_", $joints))]
             pub fn forward(arm: &Arm<$joints>, joints: &JointPos<$joints>) -> Pose {
                 arm.forward(joints)
+            }
+
+            /// [`Dexterity::of`]
+            #[unsafe(export_name = concat!("root_dexterity_", $joints))]
+            pub fn dexterity(jacobian: &Jacobian<$joints>) -> (Dexterity, f64) {
+                let dexterity = Dexterity::of(jacobian);
+                (dexterity, dexterity.condition())
             }
 
             /// [`Arm::frames`] and [`Arm::jacobian`]
@@ -201,7 +210,7 @@ pub fn root_inverse(arm: &Arm<6>, pose: &Pose, seed: &JointPos<6>) -> Result<Bra
 
 /// [`ik::ur::nearest`]
 #[unsafe(no_mangle)]
-pub fn root_nearest(arm: Option<&Arm<6>>, pose: &Pose, seed: &JointPos<6>) -> Result<JointPos<6>, IkError> {
+pub fn root_nearest(arm: Option<&Arm<6>>, pose: &Pose, seed: &JointPos<6>) -> Result<Answer<6>, IkError> {
     ik::ur::nearest(arm.unwrap_or(&UR10E), pose, seed)
 }
 
@@ -211,6 +220,18 @@ pub fn root_pose(a: &Pose, b: &Pose, v: &Vector3<f64>, w: &Vector3<f64>) -> (Pos
     let made = Pose::from_rotation_vector(*v, *w) * Pose::from_roll_pitch_yaw(*v, w.x, w.y, w.z);
     let all = *a * b.inverse() * made * Pose::from_translation(v.x, v.y, v.z) * Pose::identity();
     (all, a.transform_point(v) + all.rotation_vector(), all.is_finite())
+}
+
+/// [`register`], with any count of pairs.
+#[unsafe(no_mangle)]
+pub fn root_register(pairs: &[PointPair]) -> Result<Registration, RegistrationError> {
+    register(pairs)
+}
+
+/// What a registration tells.
+#[unsafe(no_mangle)]
+pub fn root_registration(found: &Registration, pair: &PointPair, sigma: f64) -> (Vector3<f64>, f64, Matrix6<f64>) {
+    (found.residual(pair), found.sigma(), found.covariance(sigma))
 }
 
 /// The grids of the wire.
@@ -256,3 +277,81 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     // SAFETY: never runs: the function does not exist, and a program with this call in it does not link.
     unsafe { a_panic_is_left_in_the_kernel() }
 }
+
+/// Inverse kinematics of every family, for an arm with so many joints.
+macro_rules! inverse_roots {
+    ($joints:literal, $module:ident) => {
+        /// The roots for this count of joints.
+        pub mod $module {
+            use super::*;
+
+            /// [`Family::of`], [`Family::inverse`]: every family. The arm's full turns: [`ik::turns`].
+            #[unsafe(export_name = concat!("root_family_inverse_", $joints))]
+            pub fn family_inverse(
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> (Result<Branches<$joints>, IkError>, Option<JointPos<$joints>>, Option<Answer<$joints>>) {
+                let found = Family::of(arm).inverse(arm, pose, seed);
+                let nearest = found.as_ref().ok().and_then(|found| found.nearest(seed)).copied();
+                (found, ik::turns(arm, seed).last(), nearest)
+            }
+
+            /// [`Family::nearest`]
+            #[unsafe(export_name = concat!("root_family_nearest_", $joints))]
+            pub fn family_nearest(
+                family: &Family,
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> (Result<Answer<$joints>, IkError>, &'static str) {
+                (family.nearest(arm, pose, seed), family.name())
+            }
+
+            /// [`ik::calibrated::inverse`] and [`ik::numeric::nearest`], whatever the arm.
+            #[unsafe(export_name = concat!("root_iterated_", $joints))]
+            pub fn iterated(
+                nominal: &ik::ur::Geometry,
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> (Result<Branches<$joints>, IkError>, Result<Answer<$joints>, IkError>) {
+                (ik::calibrated::inverse(nominal, arm, pose, seed), ik::numeric::nearest(arm, pose, seed))
+            }
+
+            /// [`ik::wrist::inverse`]
+            #[unsafe(export_name = concat!("root_wrist_inverse_", $joints))]
+            pub fn wrist_inverse(
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> Result<Branches<$joints>, IkError> {
+                ik::wrist::inverse(arm, pose, seed)
+            }
+
+            /// [`ik::wrist::nearest`]
+            #[unsafe(export_name = concat!("root_wrist_nearest_", $joints))]
+            pub fn wrist_nearest(
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> Result<Answer<$joints>, IkError> {
+                ik::wrist::nearest(arm, pose, seed)
+            }
+
+            /// [`ik::gantry::inverse`], which asks [`ik::gantry::nearest`]
+            #[unsafe(export_name = concat!("root_gantry_inverse_", $joints))]
+            pub fn gantry_inverse(
+                arm: &Arm<$joints>,
+                pose: &Pose,
+                seed: &JointPos<$joints>,
+            ) -> Result<Branches<$joints>, IkError> {
+                ik::gantry::inverse(arm, pose, seed)
+            }
+        }
+    };
+}
+
+inverse_roots!(4, inverse_of_four);
+inverse_roots!(6, inverse_of_six);
+inverse_roots!(9, inverse_of_nine);

@@ -150,6 +150,30 @@ pub struct CheckArgs {
     pub cell: Option<PathBuf>,
 }
 
+/// `screed calibrate`
+#[derive(Clone, Debug, PartialEq, clap::Subcommand)]
+pub enum CalibrateCommand {
+    /// Where a frame lies in another, from points measured in both
+    Frame(CalibrateArgs),
+    /// Where a tool's tip is, from touches of one point
+    Tcp(CalibrateArgs),
+    /// Where a tracker stands and its target sits on the flange, from poses
+    Target(CalibrateArgs),
+    /// What an arm's DH table really is, from poses that a tracker measured
+    Arm(CalibrateArgs),
+}
+
+/// The arguments of each calibration.
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct CalibrateArgs {
+    /// The measurements; docs/calibration.md has an example of each kind
+    #[arg(value_name = "FILE.toml")]
+    pub file: PathBuf,
+    /// The result as JSON, in m and rad, with covariance and residuals
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// `screed log`
 #[derive(Clone, Debug, PartialEq, clap::Args)]
 pub struct LogArgs {
@@ -159,6 +183,73 @@ pub struct LogArgs {
     /// Print it as a table with a row a cycle, or write that to OUT
     #[arg(long, value_name = "OUT", num_args = 0..=1)]
     pub csv: Option<Option<PathBuf>>,
+}
+
+/// `screed robot`
+#[derive(Clone, Debug, PartialEq, clap::Subcommand)]
+pub enum RobotCommand {
+    /// The robots of the catalogue
+    List(RobotListArgs),
+    /// Print a robot: table, ranges, ratings
+    Show(RobotShowArgs),
+    /// Prove a robot: round trips, Jacobian, reach
+    Check(RobotCheckArgs),
+}
+
+/// `screed robot list`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct RobotListArgs {
+    /// As JSON, with the whole tables
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Which robot.
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct RobotOf {
+    /// A name of the catalogue, an arm file (.toml) or a URDF (.urdf, .xml)
+    #[arg(value_name = "ROBOT")]
+    pub robot: String,
+    /// The calibration of a UR unit: the controller's .conf or ur_calibration's .yaml
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    /// The base link of a URDF; without it, the root
+    #[arg(long, value_name = "LINK")]
+    pub base: Option<String>,
+    /// The tip link of a URDF, the flange; without it, the only end that the most joints move
+    #[arg(long, value_name = "LINK")]
+    pub tip: Option<String>,
+}
+
+/// `screed robot show`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct RobotShowArgs {
+    /// Which robot
+    #[command(flatten)]
+    pub robot: RobotOf,
+    /// As JSON, in SI units
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `screed robot check`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct RobotCheckArgs {
+    /// Which robot
+    #[command(flatten)]
+    pub robot: RobotOf,
+    /// How many joint vectors to draw
+    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = samples)]
+    pub count: usize,
+    /// The seed they follow from
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Draw where the flange can be
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// As JSON, in SI units
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `screed sim`
@@ -173,10 +264,10 @@ pub enum SimCommand {
 /// `screed sim ur`
 #[derive(Clone, Debug, PartialEq, clap::Args)]
 pub struct SimUrArgs {
-    /// The robot
-    #[arg(long, value_name = "NAME", default_value = "ur10e")]
-    pub model: String,
-    /// The cell file that gives its start joints, tool and program; without it, the demo's cell
+    /// The robot, one of `screed robot list`; without it, the cell's
+    #[arg(long, value_name = "NAME")]
+    pub model: Option<String>,
+    /// The cell file that gives robot, start joints, tool and program; without it, the demo's cell
     #[arg(long, value_name = "FILE.toml")]
     pub cell: Option<PathBuf>,
     /// Where to listen
@@ -241,6 +332,13 @@ fn seconds(text: &str) -> Result<Duration, String> {
         Ok(Duration::from_secs_f64(seconds))
     } else {
         Err("expected more than 0 and at most 2600000 seconds".to_owned())
+    }
+}
+
+fn samples(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if (1..=10_000_000).contains(&count) => Ok(count),
+        _ => Err("expected a whole number from 1 to 10000000".to_owned()),
     }
 }
 

@@ -48,10 +48,13 @@ fn describe_cell(cell: &Cell) -> String {
     let tcp = cell.robot.arm.forward(&cell.robot.start) * cell.tool.flange_from_tcp;
     let part = cell.part.base_from_part.translation;
     let kind = if cell.robot.simulated { "simulated" } else { "real" };
+    let geometry = cell.robot.calibration.map_or("nominal".to_owned(), |unit| {
+        format!("calibrated, {:.1} mm off nominal on average", millimetres(unit.deviation_mean))
+    });
     let (limits, link) = (&cell.limits, &cell.link);
     format!(
         "cell {}: sound\n\
-         \x20 robot     {} ({kind}), tool starts at x {:.1} y {:.1} z {:.1} mm in its base\n\
+         \x20 robot     {} ({kind}, {geometry}), tool starts at x {:.1} y {:.1} z {:.1} mm in its base\n\
          \x20 part      origin at x {:.1} y {:.1} z {:.1} mm in the robot's base\n\
          \x20 deposit   at most {:.0} mm/s, {:.0} mm/s², {:.0} mm/s³\n\
          \x20 link      RTDE to {}:{} at {} Hz, registers from {}, time-out {:.0} ms, watchdog {:.0} ms\n\

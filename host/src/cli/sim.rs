@@ -3,10 +3,12 @@
 use super::args::{SimExtruderArgs, SimUrArgs, StartDeg};
 use crate::config::{self, Cell};
 use crate::failure::{Exit, Failure};
+use crate::robot;
 use crate::run::{demo, signal};
 use crate::sim::extruder::serve as extruder_server;
 use crate::sim::ur::Options;
 use crate::sim::ur::server as ur_server;
+use screed_kernel::arm::Arm;
 use screed_kernel::units::JointPos;
 use std::path::Path;
 
@@ -30,7 +32,7 @@ pub fn ur(args: &SimUrArgs) -> Result<(), Failure> {
     };
     signal::catch_stop()?;
     ur_server::serve(&ur_server::ServeOptions {
-        model: args.model.clone(),
+        arm: arm(args.model.as_deref(), &cell)?,
         controller,
         host: args.host,
         port: args.port,
@@ -41,6 +43,14 @@ pub fn ur(args: &SimUrArgs) -> Result<(), Failure> {
         stop: signal::stop_requested,
     })?;
     Ok(())
+}
+
+/// The cell's arm when it is the one asked for, because its speeds may be the cell file's; else the catalogue's.
+fn arm(model: Option<&str>, cell: &Cell) -> Result<Arm<6>, Failure> {
+    match model {
+        Some(model) if model != cell.robot.model => Ok(robot::ur(model)?),
+        _ => Ok(cell.robot.arm),
+    }
 }
 
 /// The simulated extruder, until it is told to stop.

@@ -3,6 +3,9 @@
 use crate::failure::{Excerpt, Exit, Failure, Problem};
 use std::path::PathBuf;
 
+/// The page that lists a cell file's keys.
+pub(super) const MANUAL: &str = "docs/cell.md";
+
 /// Why there is no [`super::Cell`].
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
@@ -112,17 +115,17 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// What to do about it.
-    pub fn remedy(&self) -> String {
+    /// What to do about it; `manual` is the page that lists the keys.
+    pub fn remedy(&self, manual: &str) -> String {
         match self {
             Self::Syntax { .. } => "write key = value, one a line, below its [section]".to_owned(),
             Self::Unknown { suggestion: Some(suggestion), .. } => format!("did you mean {suggestion}?"),
-            Self::Unknown { kind, .. } => format!("remove it; docs/cell.md lists every {kind}"),
+            Self::Unknown { kind, .. } => format!("remove it; {manual} lists every {kind}"),
             Self::WrongUnit { expected, unit, .. } => format!("write {expected} and give the value in {unit}"),
             Self::WrongType { suggestion: Some(suggestion), .. } => format!("write {suggestion}"),
             Self::WrongType { key, expected, .. } => format!("give {key} {expected}"),
             Self::Missing { section, key, .. } => format!("add a line `{key} = …` below {section}"),
-            Self::MissingSection { section, .. } => format!("add the section [{section}]; docs/cell.md has an example"),
+            Self::MissingSection { section, .. } => format!("add the section [{section}]; {manual} has an example"),
             Self::Impossible { key, expected, .. } => format!("set {key} to {expected}"),
         }
     }
@@ -138,7 +141,7 @@ impl From<ConfigError> for Failure {
             ConfigError::Invalid { findings } => {
                 let problem = |finding: Finding| Problem {
                     message: finding.fault.to_string(),
-                    remedy: Some(finding.fault.remedy()),
+                    remedy: Some(finding.fault.remedy(MANUAL)),
                     excerpt: Some(finding.place),
                 };
                 Self { exit: Exit::Input, problems: findings.into_iter().map(problem).collect() }

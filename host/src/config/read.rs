@@ -4,6 +4,7 @@ use super::error::{Fault, Finding};
 use super::keys::{Number, UNIT_SUFFIXES, Unit};
 use crate::failure::Excerpt;
 use std::ops::{Range, RangeInclusive};
+use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -13,7 +14,7 @@ const SIMILAR: f64 = 0.8;
 type Value<'a> = Spanned<DeValue<'a>>;
 
 /// A document, and what was found wrong in it so far.
-pub(super) struct Document<'a> {
+pub(crate) struct Document<'a> {
     file: &'a str,
     text: &'a str,
     root: DeTable<'a>,
@@ -28,6 +29,11 @@ impl<'a> Document<'a> {
             (error.span().unwrap_or(0..0), Fault::Syntax { message: error.message().to_owned() })
         };
         Self { file, text, root: root.into_inner(), findings: errors.into_iter().map(finding).collect() }
+    }
+
+    /// The folder of the file, for paths in it.
+    pub fn folder(&self) -> &'a Path {
+        Path::new(self.file).parent().unwrap_or(Path::new(""))
     }
 
     /// Whether anything was found wrong so far.
@@ -60,6 +66,31 @@ impl<'a> Document<'a> {
         Section { name, header, table, reported, known: Vec::new(), absent: Vec::new(), findings }
     }
 
+    /// How many sections of a list there are, written `[[name]]`; 0 when it is none.
+    pub fn count(&self, name: &str) -> usize {
+        self.list(name).map_or(0, |list| list.len())
+    }
+
+    /// One section of a list.
+    pub fn nth(&mut self, name: &'static str, index: usize) -> Section<'_, 'a> {
+        let end = self.text.len();
+        let value = self.root.get(name).and_then(|value| value.get_ref().as_array()).and_then(|list| list.get(index));
+        let (header, table) = value.map_or((end..end, None), |value| (value.span(), value.get_ref().as_table()));
+        let findings = &mut self.findings;
+        Section { name, header, table, reported: false, known: Vec::new(), absent: Vec::new(), findings }
+    }
+
+    /// Whether any section of a list has one of these keys.
+    pub fn any_has(&self, name: &str, keys: &[&str]) -> bool {
+        let tables =
+            self.list(name).into_iter().flat_map(|list| list.iter()).filter_map(|value| value.get_ref().as_table());
+        tables.into_iter().any(|table| keys.iter().any(|key| table.contains_key(*key)))
+    }
+
+    fn list(&self, name: &str) -> Option<&toml::de::DeArray<'a>> {
+        self.root.get(name).and_then(|value| value.get_ref().as_array())
+    }
+
     /// Whether there is something of that name at the top.
     pub fn has(&self, name: &str) -> bool {
         self.root.contains_key(name)
@@ -81,7 +112,7 @@ struct Known {
 }
 
 /// One section while it is being read: ask for its keys, then [`Section::finish`].
-pub(super) struct Section<'r, 'a> {
+pub(crate) struct Section<'r, 'a> {
     /// Empty for the top of the file.
     name: &'static str,
     header: Range<usize>,
@@ -139,6 +170,22 @@ impl<'r, 'a> Section<'r, 'a> {
             None => self.wrong_type(name, expected, value, None),
             Some(text) if text.trim().is_empty() => self.impossible(name, expected, &format!("{text:?}")),
             Some(text) => Some(text),
+        }
+    }
+
+    /// A text that is not empty, where the key may be absent: the outer `None` is an error, the inner an absent key.
+    pub fn text_if_given(&mut self, name: &'static str) -> Option<Option<&'r str>> {
+        match self.optional(name, None) {
+            None => Some(None),
+            Some(_) => self.text(name).map(Some),
+        }
+    }
+
+    /// true or false; false where the key is absent.
+    pub fn flag(&mut self, name: &'static str) -> Option<bool> {
+        match self.optional(name, None) {
+            None => Some(false),
+            Some(_) => self.boolean(name),
         }
     }
 

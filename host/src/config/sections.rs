@@ -4,20 +4,19 @@
 use super::keys;
 use super::read::{Document, Section};
 use super::{Bound, Cell, Extruder, Limits, Link, LinkKind, Part, Realtime, Robot, Tool, Travel};
+use crate::robot::calibration::{self, Calibrated};
 use nalgebra::Vector3;
-use screed_kernel::arm::Arm;
-use screed_kernel::arms::ur::UR10E;
+use screed_kernel::arm::{Arm, Rating};
+use screed_kernel::arms::ur;
 use screed_kernel::guard::Plane;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::{JointAcc, JointJerk, JointPos, JointVel};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The rates that RTDE setpoints can have here (Hz).
 pub(super) const RATES_HZ: [i64; 2] = [125, 500];
 /// First register of the two ranges that RTDE clients may write.
 const REGISTER_OFFSETS: [i64; 2] = [0, 24];
-/// The robots that a cell can have.
-const ARMS: [Arm<6>; 1] = [UR10E];
 const SECTIONS: [&str; 10] =
     ["robot", "tool", "base", "part", "workspace", "limits", "travel", "link", "extruder", "realtime"];
 
@@ -51,25 +50,30 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
 }
 
 fn robot(document: &mut Document<'_>) -> Option<Robot> {
+    let folder = document.folder();
     let mut section = document.section("robot");
     let arm = arm(&mut section);
+    let calibration = calibration(&mut section, folder, arm.as_ref());
     let simulated = section.boolean("simulated");
     let start = section.numbers(&keys::START);
-    let data_sheet = arm.unwrap_or(UR10E).velocity_max.known().unwrap_or(JointVel([f64::INFINITY; 6]));
-    let velocity = section.numbers_or(&keys::JOINT_VELOCITY, data_sheet.0);
-    let velocity = velocity.and_then(|velocity| within_data_sheet(&mut section, velocity, &data_sheet));
+    let velocity = velocity(&mut section, arm.as_ref());
     let acceleration = section.numbers(&keys::JOINT_ACCELERATION);
     let jerk = section.numbers(&keys::JOINT_JERK);
     let following_error_max = section.number(&keys::FOLLOWING_ERROR);
     let deviation_max = section.number_if_given(&keys::DEVIATION);
     section.finish();
-    let arm = arm?;
+    let (nominal, velocity, calibration) = (arm?, JointVel(velocity?), calibration?);
+    let mut arm = calibration.map_or(nominal, |unit| unit.arm);
+    if arm.velocity_max == Rating::Unknown {
+        arm.velocity_max = Rating::Known(velocity);
+    }
     Some(Robot {
         model: arm.name.to_owned(),
         arm,
+        calibration,
         simulated: simulated?,
         start: JointPos(start?),
-        joint_velocity_max: JointVel(velocity?),
+        joint_velocity_max: velocity,
         joint_acceleration_max: JointAcc(acceleration?),
         joint_jerk_max: JointJerk(jerk?),
         following_error_max: following_error_max?,
@@ -80,11 +84,35 @@ fn robot(document: &mut Document<'_>) -> Option<Robot> {
 
 fn arm(section: &mut Section<'_, '_>) -> Option<Arm<6>> {
     let model = section.text("model")?;
-    if let Some(arm) = ARMS.iter().find(|arm| arm.name == model) {
+    if let Some(arm) = ur::ALL.iter().find(|arm| arm.name == model) {
         return Some(*arm);
     }
-    let names: Vec<_> = ARMS.iter().map(|arm| format!("{:?}", arm.name)).collect();
-    section.impossible("model", &names.join(" or "), &format!("{model:?}"))
+    let names: Vec<_> = ur::ALL.iter().map(|arm| arm.name).collect();
+    section.impossible("model", &format!("one of {}", names.join(", ")), &format!("{model:?}"))
+}
+
+/// Without the key, the nominal arm.
+fn calibration(section: &mut Section<'_, '_>, folder: &Path, arm: Option<&Arm<6>>) -> Option<Option<Calibrated>> {
+    let Some(file) = section.text_if_given("calibration")? else { return Some(None) };
+    match calibration::load(&folder.join(file), arm?) {
+        Ok(unit) => Some(Some(unit)),
+        Err(error) => {
+            let expected = format!("the calibration of a unit of {}", arm?.name);
+            section.impossible("calibration", &expected, &error.to_string())
+        }
+    }
+}
+
+/// Where a data sheet gives speeds, at most those, and those when the key is absent; where none does, the key must be there.
+fn velocity(section: &mut Section<'_, '_>, arm: Option<&Arm<6>>) -> Option<[f64; 6]> {
+    match arm.map(|arm| arm.velocity_max) {
+        Some(Rating::Known(data_sheet)) => {
+            let wanted = section.numbers_or(&keys::JOINT_VELOCITY, data_sheet.0)?;
+            within_data_sheet(section, wanted, &data_sheet)
+        }
+        Some(Rating::Unknown) => section.numbers(&keys::JOINT_VELOCITY),
+        None => section.numbers_or(&keys::JOINT_VELOCITY, [0.0; 6]),
+    }
 }
 
 fn within_data_sheet(section: &mut Section<'_, '_>, wanted: [f64; 6], data_sheet: &JointVel<6>) -> Option<[f64; 6]> {

@@ -1,3 +1,4 @@
+use super::error::MANUAL;
 use super::*;
 use nalgebra::{Matrix3, Vector3};
 use screed_kernel::ik::ur;
@@ -27,7 +28,7 @@ fn check(from: &str, to: &str, at: &str, message: &str, remedy: &str) {
     let [finding] = findings(from, to).try_into().unwrap_or_else(|all| panic!("{all:#?}"));
     assert_eq!((finding.place.line, finding.place.column), place(from, to, at), "{finding}");
     assert_eq!(finding.fault.to_string(), message);
-    assert_eq!(finding.fault.remedy(), remedy);
+    assert_eq!(finding.fault.remedy(MANUAL), remedy);
 }
 
 #[test]
@@ -175,7 +176,12 @@ fn a_value_that_cannot_be_is_named_with_what_it_may_be() {
             "[120",
             "no more than the data sheet's 120.0 deg/s for joint 2, found 121.0 deg/s",
         ),
-        ("model = \"ur10e\"", "model = \"ur9\"", "\"ur9\"", "\"ur10e\", found \"ur9\""),
+        (
+            "model = \"ur10e\"",
+            "model = \"ur9\"",
+            "\"ur9\"",
+            "one of ur3, ur5, ur10, ur3e, ur5e, ur7e, ur10e, ur12e, ur16e, ur8long, ur15, ur18, ur20, ur30, found \"ur9\"",
+        ),
         ("kind = \"rtde\"", "kind = \"rsi\"", "\"rsi\"", "\"rtde\", found \"rsi\""),
         ("name = \"demo\"", "name = \" \"", "\" \"", "a text in quotes, not empty, found \" \""),
         (
@@ -201,9 +207,50 @@ fn a_value_that_cannot_be_is_named_with_what_it_may_be() {
         let [finding] = findings(from, to).try_into().unwrap_or_else(|all| panic!("{all:#?}"));
         let message = finding.fault.to_string();
         assert!(message.ends_with(&format!(": expected {expected_and_found}")), "{message}");
-        assert!(finding.fault.remedy().starts_with("set "), "{}", finding.fault.remedy());
+        assert!(finding.fault.remedy(MANUAL).starts_with("set "), "{}", finding.fault.remedy(MANUAL));
         assert_eq!((finding.place.line, finding.place.column), place(from, to, at), "{finding}");
     }
+}
+
+#[test]
+fn speeds_that_no_data_sheet_gives_stand_in_the_cell() {
+    let text = Cell::demo_text(125).unwrap_or_else(|error| panic!("{error}"));
+    let [with, key] = ["model = \"ur18\"", "joint_velocity_max_deg_s = [120, 120, 180, 180, 180, 180]\n"];
+    let text = text.replacen("model = \"ur10e\"", with, 1);
+    let cell = parse("cell.toml", &text).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(cell.robot.arm.velocity_max.known(), Some(cell.robot.joint_velocity_max));
+    let error = parse("cell.toml", &text.replacen(key, "", 1)).expect_err("a cell without speeds").to_string();
+    assert!(error.contains("[robot] lacks joint_velocity_max_deg_s: expected 6 numbers"), "{error}");
+    // A data sheet's speeds are the default.
+    assert!(parse("cell.toml", &text.replacen("ur18", "ur12e", 1).replacen(key, "", 1)).is_ok());
+}
+
+#[test]
+fn a_calibration_lies_beside_the_cell_file_and_is_judged() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("cell.toml");
+    let text = Cell::demo_text(125).unwrap_or_else(|error| panic!("{error}"));
+    let with = text.replacen("model = \"ur10e\"\n", "model = \"ur10e\"\ncalibration = \"unit.conf\"\n", 1);
+    std::fs::write(&file, with).expect("a file");
+    let error = load(&file).expect_err("no such calibration").to_string();
+    assert!(error.contains("calibration: expected the calibration of a unit of ur10e, found cannot read"), "{error}");
+    let lists = |d: f64| {
+        format!(
+            "delta_theta = {0}\ndelta_a = {0}\ndelta_d = [0, 0, 0, 0, 0, {d}]\ndelta_alpha = {0}\n",
+            "[0, 0, 0, 0, 0, 0]"
+        )
+    };
+    let calibration =
+        |d| std::fs::write(folder.path().join("unit.conf"), format!("[mounting]\n{}", lists(d))).expect("a file");
+    calibration(0.003);
+    let unit = load(&file).unwrap_or_else(|error| panic!("{error}")).robot;
+    assert!(
+        (unit.arm.dh[5].d - 0.11955).abs() < 1e-15
+            && unit.calibration.is_some_and(|unit| (unit.deviation_max - 0.003).abs() < 1e-6)
+    );
+    calibration(0.3);
+    let error = load(&file).expect_err("300 mm off").to_string();
+    assert!(error.contains("it moves the flange by 300.0 mm on average"), "{error}");
 }
 
 #[test]
@@ -318,7 +365,7 @@ fn joints_at(cell: &Cell, point_in_part: Vector3<f64>, seed: &JointPos<6>) -> Jo
     let part_from_tcp = Pose { rotation: down, translation: point_in_part };
     let base_from_flange = cell.part.base_from_part * part_from_tcp * cell.tool.flange_from_tcp.inverse();
     let joints = ur::nearest(&cell.robot.arm, &base_from_flange, seed);
-    let joints = joints.unwrap_or_else(|error| panic!("{point_in_part:?}: {error:?}"));
+    let joints = joints.unwrap_or_else(|error| panic!("{point_in_part:?}: {error:?}")).joints;
     let reached = cell.robot.arm.forward(&joints);
     assert!((reached.translation - base_from_flange.translation).norm() < 1e-9);
     assert!((reached.rotation - base_from_flange.rotation).norm() < 1e-9);

@@ -225,6 +225,13 @@ pub enum PlanError {
 fn reach(error: &IkError) -> String {
     match error {
         IkError::NotFinite => "the pose is not finite".to_owned(),
+        IkError::NotRotation { by } => format!("the pose's axes are {by:e} from a rotation's"),
+        IkError::OtherShape => "the arm's table does not have the shape that is asked for".to_owned(),
+        IkError::Orientation { by } => format!("the arm misses the orientation by {:.3}°", by.to_degrees()),
+        IkError::Singular { singularity, distance } => {
+            format!("{distance:.1e} from the {} singularity, no joints are found", singularity.name())
+        }
+        IkError::NotConverged { residual } => format!("no joints are found, {residual:.1e} m or rad are left"),
         IkError::OutOfReach { by } => format!("out of the arm's reach by {:.2} mm", by * 1e3),
         IkError::Limit { joint, position } => {
             format!("joint {} would have to be at {:.2}°, beyond its range", joint + 1, position.to_degrees())

@@ -4,7 +4,7 @@ use super::path::Point;
 use crate::config::Cell;
 use nalgebra::{Matrix3, Vector3};
 use screed_kernel::arm::Arm;
-use screed_kernel::ik::{IkError, ur};
+use screed_kernel::ik::{Branches, Family, IkError};
 use screed_kernel::pose::Pose;
 use screed_kernel::setpoint::joint_on_grid;
 use screed_kernel::units::JointPos;
@@ -14,6 +14,8 @@ use screed_kernel::units::JointPos;
 pub struct Tooling {
     /// The arm.
     pub arm: Arm<6>,
+    /// How its inverse kinematics is solved.
+    family: Family,
     base_from_part: Pose,
     flange_from_tcp: Pose,
     /// The flange's orientation for the tool's one direction.
@@ -31,6 +33,7 @@ impl Tooling {
         let base_from_tcp = base_from_part.rotation * part_from_tcp;
         Self {
             arm: cell.robot.arm,
+            family: Family::of(&cell.robot.arm),
             base_from_part,
             flange_from_tcp,
             base_from_flange: base_from_tcp * tcp_from_flange.rotation,
@@ -47,9 +50,18 @@ impl Tooling {
     /// The joints nearest to `seed` for a tool centre point in the part frame, on the grid.
     ///
     /// # Errors
-    /// As [`ur::nearest`].
+    /// As [`Family::nearest`].
     pub fn joints_at(&self, point_in_part: &Point, seed: &JointPos<6>) -> Result<JointPos<6>, IkError> {
-        ur::nearest(&self.arm, &self.flange_at(point_in_part), seed).map(|joints| on_grid(&joints))
+        let flange = self.flange_at(point_in_part);
+        self.family.nearest(&self.arm, &flange, seed).map(|answer| on_grid(&answer.joints))
+    }
+
+    /// Every branch for a tool centre point in the part frame, each nearest to `seed`.
+    ///
+    /// # Errors
+    /// As [`Family::inverse`].
+    pub fn branches_at(&self, point_in_part: &Point, seed: &JointPos<6>) -> Result<Branches<6>, IkError> {
+        self.family.inverse(&self.arm, &self.flange_at(point_in_part), seed)
     }
 
     /// Whether joints hold the tool in its one direction, to 1e-6 rad.

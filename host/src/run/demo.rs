@@ -89,7 +89,7 @@ impl Demo {
         let cell_text = Cell::demo_text(self.rate_hz)?;
         fs::write(&cell_file, cell_text).map_err(|error| unreadable(&cell_file, &error))?;
 
-        let mut robot = children::screed(["sim", "ur", "--model", "ur10e", "--port", "0", "--json"])?;
+        let mut robot = children::screed(["sim", "ur", "--port", "0", "--json"])?;
         robot.args(["--exit-when-idle", "60"]).arg("--program").arg(&program_file);
         robot.arg("--cell").arg(&cell_file);
         robot.args(self.record.iter().flat_map(|path| [Path::new("--record"), path]));

@@ -150,7 +150,7 @@ pub fn print(print: &Print<'_>, surroundings: Virtual) -> Result<Summary, Failur
         autoplay: true,
     };
     let controller =
-        Controller::new(&cell.robot.model, options).map_err(|error| Failure::told(Exit::Input, error.to_string()))?;
+        Controller::new(&cell.robot.arm, options).map_err(|error| Failure::told(Exit::Input, error.to_string()))?;
     let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT)?;
     let mut world = World::new(cell, controller, extruder, surroundings.fault).map_err(VirtualError::from)?;
     let mut record = surroundings.record.as_deref().map(Record::create).transpose()?;

@@ -2,7 +2,8 @@
 //! arguments, and [`Controller::step`] is one control cycle, so that it runs in real time and in virtual time alike.
 //!
 //! What is modelled and what is not is said where it happens: [`servo`] for the motion, [`script`] for the program,
-//! [`session`] for the protocol. e-Series only: 500 cycles per second.
+//! [`session`] for the protocol. 500 cycles per second as the
+//! e-Series has them, whatever the arm.
 
 mod fields;
 mod machine;
@@ -21,7 +22,6 @@ use crate::link::rtde::program::WatchdogAction;
 use fields::{InputValues, REGISTERS, Snapshot};
 use machine::{Machine, Surroundings, WatchdogRequest};
 use screed_kernel::arm::Arm;
-use screed_kernel::arms::ur::UR10E;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
 use script::ScriptError;
@@ -52,13 +52,13 @@ pub struct Options {
 /// Why there is no controller.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ControllerError {
-    /// A model that is not simulated.
-    #[error("robot model {model:?} is not simulated; use {known}")]
-    UnknownModel {
-        /// As asked for.
-        model: String,
-        /// What there is.
-        known: &'static str,
+    /// An arm whose data sheet gives no speeds, and none were set.
+    #[error(
+        "no source gives the joint speeds of {model}; give a cell file with this model and joint_velocity_max_deg_s in [robot]"
+    )]
+    NoSpeeds {
+        /// The arm.
+        model: &'static str,
     },
     /// A start that the arm cannot have.
     #[error(
@@ -155,14 +155,14 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// Switches a controller on; `model` names the arm. A program that cannot be loaded does not prevent that:
+    /// Switches a controller on, for any UR arm with known speeds. A program that cannot be loaded does not prevent that:
     /// [`Self::program_fault`] tells, and so does a text message to every client.
     ///
     /// # Errors
     /// [`ControllerError`].
-    pub fn new(model: &str, options: Options) -> Result<Self, ControllerError> {
-        let arm = Some(UR10E).filter(|arm| arm.name == model);
-        let arm = arm.ok_or_else(|| ControllerError::UnknownModel { model: model.to_owned(), known: UR10E.name })?;
+    pub fn new(arm: &Arm<6>, options: Options) -> Result<Self, ControllerError> {
+        let arm = *arm;
+        let speed_max = arm.velocity_max.known().ok_or(ControllerError::NoSpeeds { model: arm.name })?;
         if !matches!(options.register_offset, 0 | 24) {
             return Err(ControllerError::BadOffset { offset: options.register_offset });
         }
@@ -187,7 +187,7 @@ impl Controller {
             runtime: RuntimeState::Stopped,
             fault: None,
             protective_stop: false,
-            servo: Servo::new(&arm, start_q, 1.0 / f64::from(CYCLE_RATE)),
+            servo: Servo::new(speed_max, start_q, 1.0 / f64::from(CYCLE_RATE)),
             watchdogs: Vec::new(),
             output_int: [0; REGISTERS],
             digital: [0; 3],

@@ -26,7 +26,7 @@ pub type JointValues = heapless::Vec<f64, JOINTS_MAX>;
 pub enum ToKernel<'a> {
     /// Asks for a [`Status`]; drops a batch that was left half sent.
     Hello,
-    /// Sets limits and periods. Refused unless the kernel is unconfigured or holding with an empty ring.
+    /// Sets limits and periods. Refused unless the kernel is unconfigured or holding with nothing left to play.
     Configure(Configure),
     /// Part of a batch of setpoints.
     Batch(#[serde(borrow)] BatchPart<'a>),
@@ -239,7 +239,7 @@ pub enum Unsound {
     Errors,
     /// Limits of corrections are neither all positive nor all zero.
     Correction,
-    /// The tool's pose is not finite.
+    /// A part of the tool's pose is not finite or beyond 1,024 m or rad.
     Tool,
     /// A plane's normal is no unit vector, or its offset is not finite.
     Workspace,

@@ -53,7 +53,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         if epoch != self.epoch {
             return Err(Refusal::Stale);
         }
-        if self.ring.is_empty() && self.clock.is_played_out() {
+        if self.is_played_out() {
             return Err(Refusal::Mode);
         }
         self.request(Event::Resume)
@@ -75,7 +75,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     }
 
     fn configure(&mut self, configure: &Configure) -> Result<(), Refusal> {
-        let holding = self.mode == Mode::Holding && self.ring.is_empty() && self.correction.is_none();
+        let holding = self.mode == Mode::Holding && self.is_played_out() && self.correction.is_none();
         if !holding && self.mode != Mode::Unready {
             return Err(Refusal::Mode);
         }

@@ -4,9 +4,11 @@
 pub mod dense;
 pub mod estimation;
 pub mod fuzz;
+pub mod inverse;
 pub mod motion;
 pub mod plant;
 pub mod program;
+pub mod wrist;
 
 use screed_kernel::arm::{Arm, Dh, Joint, Rating};
 use screed_kernel::correction::CorrectionLimits;

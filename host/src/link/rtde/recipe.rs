@@ -113,8 +113,12 @@ pub(super) fn encode_setpoint(out: &mut [u8], recipe: u8, seq: u32, joints: &Joi
     writer.finish()
 }
 
-/// Joints can turn one full turn either way; encoders may read a little beyond.
-const JOINT_MAX: f64 = TAU * 1.01;
+/// A rotation vector is at most half a turn long; some clients write it longer.
+const TURN_MAX: f64 = TAU * 1.01;
+/// Encoders may read a little beyond the arm's range.
+const RANGE_MARGIN: f64 = 1.01;
+/// Of a joint that turns without end: what setpoints can hold (rad).
+const ENDLESS_MAX: f64 = 1024.0;
 /// A joint may measure faster than its limit for a moment, by noise and overshoot.
 const SPEED_MARGIN: f64 = 1.5;
 /// What encoder noise may add to a step (rad).
@@ -126,29 +130,39 @@ const GAP_MAX: f64 = 10.0;
 /// A controller is restarted before it runs this long: 30 years (s).
 const UPTIME_MAX: f64 = 1e9;
 /// Of an arm whose data sheet gives no speeds no speed is impossible.
-const UNRATED: JointVel<6> = JointVel([f64::INFINITY; 6]);
+const UNRATED: JointVel<6> = JointVel([f64::MAX; 6]);
 
 /// Whether states are possible, alone and after the one before.
 ///
 /// RTDE has no checksum: a wrong value that is possible cannot be recognised, here or anywhere.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plausibility {
+    position_max: [f64; 6],
     velocity_max: JointVel<6>,
     last: Option<(f64, JointPos<6>)>,
 }
 
 impl Plausibility {
     pub(super) fn new(arm: &Arm<6>) -> Self {
-        Self { velocity_max: arm.velocity_max.known().unwrap_or(UNRATED), last: None }
+        let mut position_max = [0.0; 6];
+        let range = arm.position_min.0.iter().zip(&arm.position_max.0);
+        for (limit, (low, high)) in position_max.iter_mut().zip(range) {
+            *limit = low.abs().max(high.abs()).min(ENDLESS_MAX) * RANGE_MARGIN;
+        }
+        Self { position_max, velocity_max: arm.velocity_max.known().unwrap_or(UNRATED), last: None }
     }
 
     /// Checks a state and keeps it for the next check.
     pub(super) fn check(&mut self, state: &RobotState) -> Result<(), LinkError> {
         scalar("timestamp", state.timestamp, 0.0, UPTIME_MAX)?;
-        elements("actual_q", &state.actual_q.0, &[JOINT_MAX; 6])?;
-        elements("actual_qd", &state.actual_qd.0, &self.velocity_max.0.map(|limit| limit * SPEED_MARGIN))?;
-        elements("target_q", &state.target_q.0, &[JOINT_MAX; 6])?;
-        let (reach, turn) = (REACH_MAX, JOINT_MAX);
+        elements("actual_q", &state.actual_q.0, &self.position_max)?;
+        elements(
+            "actual_qd",
+            &state.actual_qd.0,
+            &self.velocity_max.0.map(|limit| (limit * SPEED_MARGIN).min(f64::MAX)),
+        )?;
+        elements("target_q", &state.target_q.0, &self.position_max)?;
+        let (reach, turn) = (REACH_MAX, TURN_MAX);
         elements("actual_TCP_pose", &state.actual_tcp_pose, &[reach, reach, reach, turn, turn, turn])?;
         scalar("runtime_state", f64::from(state.runtime_state), 0.0, 5.0)?;
         scalar("robot_mode", f64::from(state.robot_mode), -1.0, 8.0)?;
@@ -164,7 +178,7 @@ impl Plausibility {
                 *now -= before;
             }
             for limit in &mut step_max {
-                *limit = *limit * dt * SPEED_MARGIN + STEP_NOISE;
+                *limit = (*limit * dt * SPEED_MARGIN + STEP_NOISE).min(f64::MAX);
             }
             elements("actual_q step", &step, &step_max)?;
         }

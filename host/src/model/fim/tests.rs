@@ -365,7 +365,8 @@ fn the_generated_wall_is_within_reach_of_a_ur10e() {
         {
             let base_from_tcp = Pose { rotation: down, translation: base_from_part.transform_point(&point.coords) };
             let next = nearest(&UR10E, &(base_from_tcp * flange_from_tcp.inverse()), &joints)
-                .unwrap_or_else(|error| panic!("{point}: {error:?}"));
+                .unwrap_or_else(|error| panic!("{point}: {error:?}"))
+                .joints;
             let step = next.0.iter().zip(&joints.0).fold(0.0, |far: f64, (a, b)| far.max((a - b).abs()));
             // From point to point at most 42 mm; a change of branch would be half a turn somewhere.
             assert!(first || step < 0.3, "{point}: {step} rad");

@@ -7,6 +7,7 @@
 use super::record::Record;
 use super::{CYCLE_RATE, ClientId, Controller, ControllerError, Options};
 use crate::failure::{Exit, Failure};
+use screed_kernel::arm::Arm;
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::path::PathBuf;
@@ -26,8 +27,8 @@ const CHUNK: usize = 16 * 1024;
 /// How the server is started.
 #[derive(Clone, Debug)]
 pub struct ServeOptions {
-    /// The arm, "ur10e".
-    pub model: String,
+    /// The arm.
+    pub arm: Arm<6>,
     /// The controller.
     pub controller: Options,
     /// Where to listen.
@@ -169,7 +170,7 @@ impl Server {
         if !options.host.is_loopback() && !options.allow_remote {
             return Err(SimError::NotLoopback { host: options.host });
         }
-        let controller = Controller::new(&options.model, options.controller.clone())?;
+        let controller = Controller::new(&options.arm, options.controller.clone())?;
         if let Some(fault) = controller.program_fault() {
             return Err(SimError::Program { fault: fault.to_owned() });
         }
@@ -332,7 +333,7 @@ mod tests {
         let (lookahead, gain, watchdog) = (0.1, 300.0, 0.5);
         let program = Program { rate_hz: 500, register_offset: 24, lookahead, gain, watchdog, watchdog_action };
         ServeOptions {
-            model: "ur10e".to_owned(),
+            arm: UR10E,
             controller: Options {
                 start_q: JointPos([0.0, -1.0, 1.0, -1.5, -1.5, 0.0]),
                 flange_from_tcp: Pose::identity(),

@@ -10,7 +10,6 @@
 //! it: two cycles of transport, a limit on acceleration, the arm's limit on speed, and a protective stop on targets that
 //! no arm can follow. The joints follow the controller's target exactly: target_q and actual_q are the same.
 
-use screed_kernel::arm::{Arm, Rating};
 use screed_kernel::units::{JointAcc, JointPos, JointVel};
 
 /// Cycles from a command to its first effect.
@@ -68,13 +67,10 @@ pub(super) struct Servo {
 }
 
 impl Servo {
-    pub(super) const fn new(arm: &Arm<6>, start: JointPos<6>, dt: f64) -> Self {
+    pub(super) const fn new(speed_max: JointVel<6>, start: JointPos<6>, dt: f64) -> Self {
         Self {
             dt,
-            speed_max: match arm.velocity_max {
-                Rating::Known(velocity_max) => velocity_max,
-                Rating::Unknown => JointVel([f64::INFINITY; 6]),
-            },
+            speed_max,
             q: start,
             qd: JointVel::ZERO,
             qdd: JointAcc::ZERO,
@@ -187,7 +183,7 @@ mod tests {
     #[test]
     fn a_small_step_is_answered_as_the_stated_law_answers_it() {
         for (lookahead, gain) in [(0.1, 300.0), (0.03, 100.0), (0.03, 2000.0)] {
-            let mut servo = Servo::new(&UR10E, JointPos::ZERO, DT);
+            let mut servo = Servo::new(RATED, JointPos::ZERO, DT);
             let (natural, damping) = (f64::sqrt(gain), 0.5 * lookahead * f64::sqrt(gain));
             let damped = natural * (1.0 - damping * damping).sqrt();
             let step = 0.003;
@@ -209,7 +205,7 @@ mod tests {
 
     #[test]
     fn acceleration_and_speed_stay_within_the_limits() {
-        let mut servo = Servo::new(&UR10E, JointPos::ZERO, DT);
+        let mut servo = Servo::new(RATED, JointPos::ZERO, DT);
         let mut speed = [0.0; 6];
         let mut reached: f64 = 0.0;
         for cycle in 1..=1000_u32 {
@@ -235,7 +231,7 @@ mod tests {
     #[test]
     fn what_no_arm_can_follow_is_refused() {
         let refused = |targets: &[f64]| {
-            let mut servo = Servo::new(&UR10E, JointPos::ZERO, DT);
+            let mut servo = Servo::new(RATED, JointPos::ZERO, DT);
             targets.iter().find_map(|target| servo.step(Some(command(*target, 0.1, 300.0))).err())
         };
         assert_eq!(refused(&[0.004, 0.008, 0.012]), None);

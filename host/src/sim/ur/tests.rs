@@ -3,6 +3,7 @@
 use super::*;
 use crate::link::rtde::program::{Program, ProgramState};
 use crate::link::rtde::{Event, LinkError, Phase, RobotState, RtdeClient};
+use screed_kernel::arms::ur::{UR10E, UR18};
 use screed_kernel::units::Nanos;
 
 const START: JointPos<6> = JointPos([0.3, -1.2, 1.9, -2.2, -1.5, 0.1]);
@@ -37,7 +38,7 @@ struct Bench {
 
 impl Bench {
     fn new(program: &Program, options: Options) -> Self {
-        let mut controller = Controller::new("ur10e", options).expect("a legal controller");
+        let mut controller = Controller::new(&UR10E, options).expect("a legal controller");
         let connection = controller.connect();
         let client = RtdeClient::new(&UR10E, program.rate_hz, program.register_offset, TIMEOUT_NS).expect("legal");
         Self { client, controller, connection, now: Nanos(0), chunk: 4096, texts: Vec::new() }
@@ -341,7 +342,7 @@ fn answer(controller: &mut Controller, client: ClientId, bytes: &[u8]) -> Vec<u8
 #[test]
 fn bytes_of_a_foreign_client_get_the_bytes_it_expects() {
     let program = program(500, 0, 0.03);
-    let mut controller = Controller::new("ur10e", options(&program)).expect("legal");
+    let mut controller = Controller::new(&UR10E, options(&program)).expect("legal");
     let client = controller.connect();
     assert_eq!(answer(&mut controller, client, &hex("0005560002")), hex("00045601"));
     assert_eq!(
@@ -389,7 +390,7 @@ fn bytes_of_a_foreign_client_get_the_bytes_it_expects() {
 #[test]
 fn protocol_1_has_no_rate_and_no_recipe_ids() {
     let program = program(500, 0, 0.03);
-    let mut controller = Controller::new("ur10e", options(&program)).expect("legal");
+    let mut controller = Controller::new(&UR10E, options(&program)).expect("legal");
     let client = controller.connect();
     let mut setup = vec![0, 12, b'O'];
     setup.extend(b"timestamp");
@@ -415,7 +416,7 @@ fn random_and_mutated_bytes_never_panic_the_controller() {
         random ^= random << 17;
         random
     };
-    let mut controller = Controller::new("ur10e", options(&program)).expect("legal");
+    let mut controller = Controller::new(&UR10E, options(&program)).expect("legal");
     let mut seeds: Vec<Vec<u8>> =
         ["0005560002", "0005560001", "000376", "000353", "000350", "0008550200000001", "00074d0161"].map(hex).to_vec();
     let mut setup = hex("00344f405f400000000000");
@@ -448,10 +449,10 @@ fn random_and_mutated_bytes_never_panic_the_controller() {
 }
 
 #[test]
-fn unknown_models_and_impossible_starts_are_refused() {
+fn unknown_speeds_and_impossible_starts_are_refused() {
     let program = program(500, 0, 0.03);
-    assert!(matches!(Controller::new("ur11", options(&program)), Err(ControllerError::UnknownModel { .. })));
+    assert!(matches!(Controller::new(&UR18, options(&program)), Err(ControllerError::NoSpeeds { model: "ur18" })));
     let mut far = options(&program);
     far.start_q.0[4] = 7.0;
-    assert!(matches!(Controller::new("ur10e", far), Err(ControllerError::StartOutOfRange { joint: 4, .. })));
+    assert!(matches!(Controller::new(&UR10E, far), Err(ControllerError::StartOutOfRange { joint: 4, .. })));
 }

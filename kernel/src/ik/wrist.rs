@@ -1,0 +1,788 @@
+//! Closed-form inverse kinematics of arms with a spherical wrist: joints 2 and 3 parallel, joint 1 square to them, and the
+//! axes of joints 4, 5 and 6 through one point, the wrist's centre. That point depends on joints 1 to 3 only, and the rest of
+//! the orientation is the wrist's (Pieper, "The Kinematics of Manipulators Under Computer Control", Stanford, 1968). Offsets
+//! as by Brandstötter, Angerer, Hofbaur (Austrian Robotics Workshop, 2014): a₁ between axes 1 and 2, a₂ between the elbow and
+//! axis 4, b sideways. Derived here for the DH table itself, so that axes may point either way.
+//!
+//! An arm with 7 to 9 joints whose last six are of this shape (on a rail, on a crane) is solved with the joints before them
+//! held where the seed has them: what carries the arm stands while the arm works, and moving it is the planner's choice.
+//!
+//! Branches. Shoulder: the wrist's centre lies on the x side of frame 1's axis, or behind it. Elbow: the sign of the sine of
+//! the angle from frame 2's x axis, along the upper arm, to the line from the elbow to the wrist's centre. Wrist: the sign of sin θ₅. Margins.
+//! Shoulder: distance of the wrist's centre from axis 1 (with b: from the cylinder around it that cannot be reached) as a
+//! share of the stretched arm. Elbow and wrist: those two sines. A margin below [`FREE`] leaves a joint free: θ₁, θ₄, and θ₂
+//! where upper arm and forearm are of one length and the wrist's centre comes to axis 2.
+
+use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, turned};
+use crate::arm::{Arm, JointKind};
+use crate::pose::Pose;
+use crate::units::JointPos;
+use core::f64::consts::{FRAC_PI_2, PI};
+use nalgebra::{Matrix3, Vector3};
+
+/// Lengths (m) within which rounding, not geometry, decides that a pose is out of reach.
+pub const REACH_TOLERANCE: f64 = 5e-13;
+/// Lengths (m) and sines below which a joint is free, and stays where the seed has it.
+pub const FREE: f64 = 1e-13;
+/// How far (m, and as sine or cosine) a table may be from the shape.
+const SHAPE_TOLERANCE: f64 = 1e-14;
+
+/// What a table says of an arm with a spherical wrist.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Geometry {
+    /// Frame 1 above frame 0, and in front of it (m).
+    d1: f64,
+    a1: f64,
+    /// The wrist's centre beside the plane through axis 1 (m).
+    b: f64,
+    /// Upper arm (m), and the line from the elbow to the wrist's centre: its length (m), and cosine, sine and angle of its
+    /// direction in the arm's plane, seen from frame 3's x axis.
+    upper: f64,
+    fore: f64,
+    fore_x: f64,
+    fore_y: f64,
+    fore_angle: f64,
+    /// One over the length of the stretched arm from axis 2 to the wrist's centre (1/m).
+    stretched: f64,
+    /// The senses of the twists: sin α₁, cos α₂, sin α₃, sin α₄, sin α₅, each ±1.
+    s1: f64,
+    c2: f64,
+    s3: f64,
+    s4: f64,
+    s5: f64,
+    /// What of a difference of an angle one joint has at least: all of it without a coupling.
+    share: f64,
+    /// What the table has of each angle where the joint reads zero (rad).
+    offsets: [f64; 6],
+    /// Whether a joint moves another one's link.
+    coupled: bool,
+    /// The base in frame 0, of an arm that nothing carries.
+    zero_from_base: Option<Pose>,
+    /// Frame 6 before its joint turns, in the flange.
+    flange_from_six: Pose,
+}
+
+/// Every branch (shoulder × elbow × wrist) that reaches the pose, each joint turned by full turns to lie nearest to `seed` and
+/// inside the limits. Where a joint is free the branches that meet there have the same joints.
+///
+/// # Errors
+/// [`IkError`]: [`IkError::OtherShape`] when [`Geometry::of`] knows no geometry; a pose or seed that is not finite, no
+/// rotation, out of reach, or only reached beyond the joint limits.
+pub fn inverse<const N: usize>(
+    arm: &Arm<N>,
+    base_from_flange: &Pose,
+    seed: &JointPos<N>,
+) -> Result<Branches<N>, IkError> {
+    Geometry::of(arm).ok_or(IkError::OtherShape)?.inverse(arm, base_from_flange, seed)
+}
+
+/// The answer nearest to `seed`, by the largest joint difference. When the seed is nearer than half the way to any other
+/// branch, one of eight is computed.
+///
+/// # Errors
+/// As [`inverse`].
+pub fn nearest<const N: usize>(
+    arm: &Arm<N>,
+    base_from_flange: &Pose,
+    seed: &JointPos<N>,
+) -> Result<Answer<N>, IkError> {
+    Geometry::of(arm).ok_or(IkError::OtherShape)?.nearest(arm, base_from_flange, seed)
+}
+
+impl Geometry {
+    /// The geometry of an arm whose last six joints have this shape; `None` if they do not, or if a coupling is not a whole
+    /// number, so that full turns of one joint would move another link.
+    pub fn of<const N: usize>(arm: &Arm<N>) -> Option<Self> {
+        let (_, [one, two, three, four, five, six]) = arm.dh.split_last_chunk::<6>()?;
+        let (_, joints) = arm.joints.split_last_chunk::<6>()?;
+        let whole = |factor: f64| libm::round(factor) == factor;
+        let turning = joints.iter().all(|joint| joint.kind == JointKind::Revolute);
+        let coupled = joints.iter().filter_map(|joint| joint.coupling);
+        let zeros = [four.a, five.a, five.d, two.sin_alpha];
+        let square = [one.cos_alpha, three.cos_alpha, four.cos_alpha, five.cos_alpha];
+        let near = |value: &f64| libm::fabs(*value) <= SHAPE_TOLERANCE;
+        if !turning || !coupled.clone().all(|coupling| whole(coupling.factor)) || !zeros.iter().chain(&square).all(near)
+        {
+            return None;
+        }
+        let sign = |value: f64| Side::of(value).sign();
+        let (s1, c2, s3) = (sign(one.sin_alpha), sign(two.cos_alpha), sign(three.sin_alpha));
+        let (fore_x, fore_y) = (three.a, -c2 * s3 * four.d);
+        let fore = libm::sqrt(fore_x * fore_x + fore_y * fore_y);
+        if !(libm::fabs(two.a) > REACH_TOLERANCE && fore > REACH_TOLERANCE) {
+            return None;
+        }
+        let (sin, cos) = (six.sin_alpha, six.cos_alpha);
+        let six_from_last = Pose {
+            rotation: Matrix3::new(1.0, 0.0, 0.0, 0.0, cos, -sin, 0.0, sin, cos),
+            translation: Vector3::new(six.a, 0.0, six.d),
+        };
+        let six_from_flange = arm.last_from_flange.map_or(six_from_last, |flange| six_from_last * flange);
+        Some(Self {
+            d1: one.d,
+            a1: one.a,
+            b: s1 * (two.d + c2 * three.d),
+            upper: two.a,
+            fore,
+            fore_x: fore_x / fore,
+            fore_y: fore_y / fore,
+            fore_angle: libm::atan2(fore_y, fore_x),
+            stretched: 1.0 / (libm::fabs(two.a) + fore),
+            s1,
+            c2,
+            s3,
+            s4: sign(four.sin_alpha),
+            s5: sign(five.sin_alpha),
+            share: 1.0 / (1.0 + coupled.clone().fold(0.0, |most: f64, coupling| most.max(libm::fabs(coupling.factor)))),
+            offsets: [one.theta, two.theta, three.theta, four.theta, five.theta, six.theta],
+            coupled: coupled.count() > 0,
+            zero_from_base: arm.base_from_zero.map(|base_from_zero| base_from_zero.inverse()),
+            flange_from_six: six_from_flange.inverse(),
+        })
+    }
+
+    /// As the free function [`inverse`], for a caller that keeps the geometry.
+    ///
+    /// # Errors
+    /// As [`inverse`].
+    pub fn inverse<const N: usize>(
+        &self,
+        arm: &Arm<N>,
+        base_from_flange: &Pose,
+        seed: &JointPos<N>,
+    ) -> Result<Branches<N>, IkError> {
+        check(base_from_flange, seed)?;
+        self.all(arm, &Goal::new(self, arm, base_from_flange, seed), seed)
+    }
+
+    /// As the free function [`nearest`], for a caller that keeps the geometry.
+    ///
+    /// # Errors
+    /// As [`inverse`].
+    pub fn nearest<const N: usize>(
+        &self,
+        arm: &Arm<N>,
+        base_from_flange: &Pose,
+        seed: &JointPos<N>,
+    ) -> Result<Answer<N>, IkError> {
+        check(base_from_flange, seed)?;
+        let goal = Goal::new(self, arm, base_from_flange, seed);
+        let guess = self.guess(arm, &goal, seed);
+        if let Some((answer, far, apart)) = &guess
+            && far <= apart
+        {
+            return Ok(*answer);
+        }
+        let all = self.all(arm, &goal, seed)?;
+        match (guess, all.nearest(seed)) {
+            (Some((answer, far, _)), Some(other)) if far <= distance(&other.joints, seed) => Ok(answer),
+            (_, Some(other)) => Ok(*other),
+            // Never: `all` is not empty.
+            (_, None) => Err(IkError::NotFinite),
+        }
+    }
+
+    fn all<const N: usize>(&self, arm: &Arm<N>, goal: &Goal, seed: &JointPos<N>) -> Result<Branches<N>, IkError> {
+        let mut found = Branches::empty();
+        let mut missed = Missed::nothing();
+        for shoulder in self.shoulders(goal)? {
+            let bend = match self.bend(goal, &shoulder) {
+                Ok(bend) => bend,
+                Err(by) => {
+                    missed.reach(by);
+                    continue;
+                }
+            };
+            let across = Across::new(self, goal, &shoulder);
+            for side in [Side::Plus, Side::Minus] {
+                let elbow = self.elbow(goal, &bend, side);
+                let wrist = self.wrist(goal, &across, &elbow);
+                for wrist in [wrist, wrist.flipped()] {
+                    match self.answer(arm, seed, &shoulder, &elbow, &wrist) {
+                        Ok(answer) => found.push(answer),
+                        Err(beyond) => missed.limit(beyond),
+                    }
+                }
+            }
+        }
+        if found.as_slice().is_empty() { Err(missed.error()) } else { Ok(found) }
+    }
+
+    /// The branch on whose sides the seed is, how far it is from the seed, and half of the least that any other branch
+    /// differs from it in a joint; `None` if it has no answer.
+    ///
+    /// Another branch differs by 2·atan2(r, b) in θ₁, twice the elbow's angle in θ₃ or 2·θ₅, modulo full turns: none less than
+    /// twice its sine. With a coupling two joints may share that.
+    fn guess<const N: usize>(&self, arm: &Arm<N>, goal: &Goal, seed: &JointPos<N>) -> Option<(Answer<N>, f64, f64)> {
+        let [seed1, _, seed3, _, seed5, _] = goal.seed;
+        let side = |angle: f64| Side::of(if libm::fabs(angle) <= PI { angle } else { libm::sin(angle) });
+        let [front, behind] = self.shoulders(goal).ok()?;
+        // Less than a quarter turn away.
+        let shoulder = if side(front.theta1 - seed1 + FRAC_PI_2) == Side::Plus { front } else { behind };
+        let bend = self.bend(goal, &shoulder).ok()?;
+        let elbow = self.elbow(goal, &bend, side(self.c2 * seed3 + self.fore_angle));
+        let mut wrist = self.wrist(goal, &Across::new(self, goal, &shoulder), &elbow);
+        if side(seed5) == Side::Minus {
+            wrist = wrist.flipped();
+        }
+        let answer = self.answer(arm, seed, &shoulder, &elbow, &wrist).ok()?;
+        let apart = self.share * shoulder.apart.min(elbow.margin).min(wrist.margin);
+        Some((answer, distance(&answer.joints, seed), apart))
+    }
+
+    /// θ₁ on both sides: sin θ₁ x − cos θ₁ y of the wrist's centre is b.
+    fn shoulders(&self, goal: &Goal) -> Result<[Shoulder; 2], IkError> {
+        let (px, py) = (goal.wrist.x, goal.wrist.y);
+        let distance = libm::sqrt(px * px + py * py);
+        let beside = libm::fabs(self.b);
+        if beside - distance > REACH_TOLERANCE {
+            return Err(IkError::OutOfReach { by: beside - distance });
+        }
+        if distance < FREE {
+            let [theta1, ..] = goal.seed;
+            let (sin, cos) = libm::sincos(theta1);
+            let x = cos * px + sin * py;
+            let free = Shoulder {
+                side: Side::Plus,
+                theta1,
+                sin,
+                cos,
+                x,
+                margin: distance * self.stretched,
+                apart: 0.0,
+                free: true,
+            };
+            return Ok([free, Shoulder { side: Side::Minus, ..free }]);
+        }
+        let ahead = libm::sqrt(((distance - beside) * (distance + beside)).max(0.0));
+        let scale = 1.0 / (ahead * ahead + self.b * self.b);
+        let pair = |x: f64| ((py * x + px * self.b) * scale, (px * x - py * self.b) * scale);
+        let ((sin, cos), (sin_behind, cos_behind)) = (pair(ahead), pair(-ahead));
+        let theta1 = libm::atan2(sin, cos);
+        let behind = if self.b == 0.0 { opposite(theta1) } else { libm::atan2(sin_behind, cos_behind) };
+        let apart = if self.b == 0.0 { 1.0 } else { ahead / distance };
+        let front = Shoulder {
+            side: Side::Plus,
+            theta1,
+            sin,
+            cos,
+            x: ahead,
+            margin: ahead * self.stretched,
+            apart,
+            free: false,
+        };
+        let (sin, cos) = (sin_behind, cos_behind);
+        Ok([front, Shoulder { side: Side::Minus, theta1: behind, sin, cos, x: -ahead, ..front }])
+    }
+
+    /// The elbow's angle by the law of cosines; or by how much (m) the arm is too short or too long.
+    fn bend(&self, goal: &Goal, shoulder: &Shoulder) -> Result<Bend, f64> {
+        let (x, y) = (shoulder.x - self.a1, self.s1 * (goal.wrist.z - self.d1));
+        let squared = x * x + y * y;
+        let (upper, fore) = (libm::fabs(self.upper), self.fore);
+        // The product of these two is the square of 2·upper·fore·sine, also near both ends.
+        let straight = (upper + fore) * (upper + fore) - squared;
+        let folded = squared - (upper - fore) * (upper - fore);
+        if straight < 0.0 || folded < 0.0 {
+            let reach = libm::sqrt(squared);
+            let missing = (reach - (upper + fore)).max(libm::fabs(upper - fore) - reach);
+            if missing > REACH_TOLERANCE {
+                return Err(missing);
+            }
+        }
+        let scale = 0.5 / (self.upper * fore);
+        let sin = libm::sqrt((straight * folded).max(0.0)) * libm::fabs(scale);
+        let cos = ((squared - upper * upper - fore * fore) * scale).clamp(-1.0, 1.0);
+        Ok(Bend { x, y, squared, sin, cos, angle: libm::atan2(sin, cos) })
+    }
+
+    fn theta3(&self, bend: &Bend, side: Side) -> f64 {
+        self.c2 * (side.sign() * bend.angle - self.fore_angle)
+    }
+
+    fn elbow(&self, goal: &Goal, bend: &Bend, side: Side) -> Elbow {
+        let (sin, cos) = (side.sign() * bend.sin, bend.cos);
+        // The wrist's centre seen along the upper arm, and square to it.
+        let (along, across) = (self.upper + self.fore * cos, self.fore * sin);
+        let free = bend.squared < FREE * FREE;
+        let (theta2, (sin2, cos2)) = if free {
+            let [_, theta2, ..] = goal.seed;
+            (theta2, libm::sincos(theta2))
+        } else {
+            let scale = 1.0 / libm::sqrt(bend.squared * (along * along + across * across));
+            let (sin2, cos2) = (bend.y * along - bend.x * across, bend.x * along + bend.y * across);
+            (libm::atan2(sin2, cos2), (sin2 * scale, cos2 * scale))
+        };
+        // The line from the elbow to the wrist's centre, then frame 3's x axis.
+        let (sin, cos) = (sin2 * cos + cos2 * sin, cos2 * cos - sin2 * sin);
+        Elbow {
+            side,
+            theta2,
+            theta3: self.theta3(bend, side),
+            sin: sin * self.fore_x - cos * self.fore_y,
+            cos: cos * self.fore_x + sin * self.fore_y,
+            margin: bend.sin,
+            free,
+        }
+    }
+
+    /// Joints 4 to 6 with sin θ₅ ≥ 0, from the rotation that joints 1 to 3 leave to them. θ₆ is found after θ₄, and fits it
+    /// also where that is ill determined.
+    fn wrist(&self, goal: &Goal, across: &Across, elbow: &Elbow) -> Wrist {
+        let Across { level: [g1, g2, g3], up: [e1, e2, e3], side: [h1, h2, h3] } = *across;
+        let (sin, cos) = (elbow.sin, elbow.cos);
+        let approach = (cos * g3 + sin * e3, h3, self.s3 * self.c2 * (sin * g3 - cos * e3));
+        let margin = libm::sqrt(approach.0 * approach.0 + approach.1 * approach.1);
+        let free = margin < FREE;
+        let (theta4, (sin4, cos4)) = if free {
+            let [_, _, _, theta4, ..] = goal.seed;
+            (theta4, libm::sincos(theta4))
+        } else {
+            let (sin4, cos4) = (self.s5 * approach.1, self.s5 * approach.0);
+            (libm::atan2(sin4, cos4), (sin4 / margin, cos4 / margin))
+        };
+        let sense = -self.s4 * self.s5;
+        let sin6 = sense * (cos4 * h1 - sin4 * (cos * g1 + sin * e1));
+        let cos6 = sense * (cos4 * h2 - sin4 * (cos * g2 + sin * e2));
+        Wrist {
+            side: Side::Plus,
+            theta4,
+            theta5: libm::atan2(self.s5 * (cos4 * approach.0 + sin4 * approach.1), sense * approach.2),
+            theta6: libm::atan2(sin6, cos6),
+            margin,
+            free,
+        }
+    }
+
+    /// The joints that give the last six links their angles; the others are the seed's.
+    fn joints<const N: usize>(&self, arm: &Arm<N>, angles: [f64; 6], seed: &JointPos<N>) -> JointPos<N> {
+        let mut joints = *seed;
+        if let Some((_, own)) = joints.0.split_last_chunk_mut::<6>() {
+            for (position, (angle, offset)) in own.iter_mut().zip(angles.iter().zip(&self.offsets)) {
+                *position = angle - offset;
+            }
+        }
+        if self.coupled {
+            for joint in N.wrapping_sub(6)..N {
+                let coupled = coupled(arm, joint, &joints);
+                if let Some(position) = joints.0.get_mut(joint) {
+                    *position -= coupled;
+                }
+            }
+        }
+        joints
+    }
+
+    /// The branch's joints inside the limits.
+    fn answer<const N: usize>(
+        &self,
+        arm: &Arm<N>,
+        seed: &JointPos<N>,
+        shoulder: &Shoulder,
+        elbow: &Elbow,
+        wrist: &Wrist,
+    ) -> Result<Answer<N>, Beyond> {
+        let angles = [shoulder.theta1, elbow.theta2, elbow.theta3, wrist.theta4, wrist.theta5, wrist.theta6];
+        let first = N.wrapping_sub(6);
+        let free = if shoulder.free {
+            Some(first)
+        } else if elbow.free {
+            Some(first.wrapping_add(1))
+        } else if wrist.free {
+            Some(first.wrapping_add(3))
+        } else {
+            None
+        };
+        Ok(Answer {
+            joints: turned(arm, &self.joints(arm, angles, seed), seed)?,
+            branch: Some(Branch { shoulder: shoulder.side, elbow: elbow.side, wrist: wrist.side }),
+            margins: Some(Margins { shoulder: shoulder.margin, elbow: elbow.margin, wrist: wrist.margin }),
+            free,
+        })
+    }
+}
+
+/// The wrist's centre and the orientation of frame 6 before its joint turns, in frame 0 of the arm; and the seed.
+struct Goal {
+    wrist: Vector3<f64>,
+    rotation: Matrix3<f64>,
+    /// The DH angles that the seed gives.
+    seed: [f64; 6],
+}
+
+/// A choice of θ₁, and how far in front of axis 1 the wrist's centre lies (m).
+#[derive(Clone, Copy)]
+struct Shoulder {
+    side: Side,
+    theta1: f64,
+    sin: f64,
+    cos: f64,
+    x: f64,
+    margin: f64,
+    /// Sine of half the angle between the two choices, or less.
+    apart: f64,
+    free: bool,
+}
+
+/// The wrist's centre in the arm's plane, seen from axis 2 (m; its distance squared), and the elbow's angle in [0, π].
+struct Bend {
+    x: f64,
+    y: f64,
+    squared: f64,
+    sin: f64,
+    cos: f64,
+    angle: f64,
+}
+
+/// A choice of θ₂ and θ₃, with the direction of frame 3's x axis in the arm's plane.
+struct Elbow {
+    side: Side,
+    theta2: f64,
+    theta3: f64,
+    sin: f64,
+    cos: f64,
+    margin: f64,
+    free: bool,
+}
+
+/// The goal's axes as the arm's plane sees them: along its x and y axis, and along frame 3's y axis.
+struct Across {
+    level: [f64; 3],
+    up: [f64; 3],
+    side: [f64; 3],
+}
+
+/// A choice of θ₄ to θ₆.
+#[derive(Clone, Copy)]
+struct Wrist {
+    side: Side,
+    theta4: f64,
+    theta5: f64,
+    theta6: f64,
+    margin: f64,
+    free: bool,
+}
+
+impl Goal {
+    fn new<const N: usize>(geometry: &Geometry, arm: &Arm<N>, base_from_flange: &Pose, seed: &JointPos<N>) -> Self {
+        let base_from_six = *base_from_flange * geometry.flange_from_six;
+        let zero_from_base = if N > 6 {
+            arm.frames(seed).get(N.wrapping_sub(7)).map(|base_from_zero| base_from_zero.inverse())
+        } else {
+            geometry.zero_from_base
+        };
+        let zero_from_six = zero_from_base.map_or(base_from_six, |zero_from_base| zero_from_base * base_from_six);
+        let mut angles = geometry.offsets;
+        for (joint, angle) in (N.wrapping_sub(6)..N).zip(angles.iter_mut()) {
+            if let Some(position) = seed.0.get(joint) {
+                *angle += position + if geometry.coupled { coupled(arm, joint, seed) } else { 0.0 };
+            }
+        }
+        Self { wrist: zero_from_six.translation, rotation: zero_from_six.rotation, seed: angles }
+    }
+}
+
+impl Across {
+    fn new(geometry: &Geometry, goal: &Goal, shoulder: &Shoulder) -> Self {
+        let (sin, cos) = (shoulder.sin, shoulder.cos);
+        let (x, y, z) = (goal.rotation.row(0), goal.rotation.row(1), goal.rotation.row(2));
+        let sense = geometry.s1 * geometry.c2 * geometry.s3;
+        let (sin_side, cos_side) = (sense * sin, sense * cos);
+        Self {
+            level: [cos * x[0] + sin * y[0], cos * x[1] + sin * y[1], cos * x[2] + sin * y[2]],
+            up: [geometry.s1 * z[0], geometry.s1 * z[1], geometry.s1 * z[2]],
+            side: [
+                sin_side * x[0] - cos_side * y[0],
+                sin_side * x[1] - cos_side * y[1],
+                sin_side * x[2] - cos_side * y[2],
+            ],
+        }
+    }
+}
+
+impl Wrist {
+    /// The other way to point: half a turn of joint 4, θ₅ to the other side, half a turn back.
+    fn flipped(self) -> Self {
+        let side = Side::Minus;
+        if self.free {
+            return Self { side, ..self };
+        }
+        Self { side, theta4: opposite(self.theta4), theta5: -self.theta5, theta6: opposite(self.theta6), ..self }
+    }
+}
+
+/// The same angle half a turn away, in [−π, π].
+fn opposite(angle: f64) -> f64 {
+    if angle > 0.0 { angle - PI } else { angle + PI }
+}
+
+/// How far another joint moves this joint's link.
+fn coupled<const N: usize>(arm: &Arm<N>, joint: usize, joints: &JointPos<N>) -> f64 {
+    let coupling = arm.joints.get(joint).and_then(|joint| joint.coupling);
+    coupling.and_then(|coupling| Some(coupling.factor * joints.0.get(coupling.joint)?)).unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arm::{Coupling, Dh, Joint, Rating};
+    use crate::arms::{abb, comau, crane, kuka, opw::Opw, ur::UR10E};
+
+    /// SplitMix64.
+    struct Random(u64);
+
+    impl Random {
+        fn between(&mut self, low: f64, high: f64) -> f64 {
+            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let mut z = self.0;
+            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            low + (high - low) * (((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64)
+        }
+
+        fn joints<const N: usize>(&mut self, arm: &Arm<N>) -> JointPos<N> {
+            JointPos(core::array::from_fn(|j| {
+                self.between(arm.position_min.0[j].max(-7.0), arm.position_max.0[j].min(7.0))
+            }))
+        }
+    }
+
+    const SIGNS: [f64; 6] = [1.0, -1.0, 1.0, -1.0, -1.0, 1.0];
+    /// Every length is there, the wrist's centre lies beside the arm's plane, and no joint reads zero where its angle is.
+    const ODD: Arm<6> =
+        Opw { a1: 0.2, a2: 0.1, b: 0.15, c1: 0.5, c2: 0.9, c3: 0.8, c4: 0.1, signs: SIGNS, offsets: [0.3; 6] }
+            .arm("odd");
+    /// Folded, the wrist's centre comes to axis 2.
+    const EVEN: Arm<6> =
+        Opw { a1: 0.0, a2: 0.0, b: 0.0, c1: 0.5, c2: 0.9, c3: 0.9, c4: 0.1, signs: SIGNS, offsets: [0.0; 6] }
+            .arm("even");
+
+    /// Upper arm and forearm twisted against each other by half a turn, a length in every row that may have one, a flange
+    /// that points anywhere, two couplings.
+    fn twisted() -> Arm<6> {
+        let mut arm = Arm { name: "twisted", ..ODD };
+        (arm.dh[1].cos_alpha, arm.dh[1].a, arm.dh[2].d) = (-arm.dh[1].cos_alpha, -0.9, 0.07);
+        (arm.dh[5].a, arm.dh[5].sin_alpha, arm.dh[5].cos_alpha) = (0.05, 0.6, 0.8);
+        arm.base_from_zero = Some(Pose::from_roll_pitch_yaw(Vector3::new(1.0, -2.0, 0.5), 0.3, -1.1, 2.7));
+        arm.last_from_flange = Some(Pose::from_roll_pitch_yaw(Vector3::new(0.1, 0.2, 0.3), 0.4, 0.5, 0.6));
+        arm.joints[2].coupling = Some(Coupling { joint: 1, factor: -1.0 });
+        arm.joints[5].coupling = Some(Coupling { joint: 4, factor: 2.0 });
+        arm
+    }
+
+    /// An arm that two joints carry: one that turns, then one that slides along its axis.
+    fn carried(arm: &Arm<6>) -> Arm<8> {
+        let mut joints = [Joint { coupling: None, ..Joint::REVOLUTE }; 8];
+        let mut dh = [Dh { theta: 0.2, d: 0.3, a: 0.4, sin_alpha: 0.6, cos_alpha: 0.8 }; 8];
+        joints[1] = Joint::PRISMATIC;
+        for joint in 0..6 {
+            dh[joint + 2] = arm.dh[joint];
+            joints[joint + 2] = arm.joints[joint];
+            if let Some(coupling) = &mut joints[joint + 2].coupling {
+                coupling.joint += 2;
+            }
+        }
+        Arm {
+            name: "carried",
+            base_from_zero: arm.base_from_zero,
+            dh,
+            joints,
+            last_from_flange: arm.last_from_flange,
+            position_min: JointPos([-6.0; 8]),
+            position_max: JointPos([6.0; 8]),
+            velocity_max: Rating::Unknown,
+            acceleration_max: Rating::Unknown,
+        }
+    }
+
+    /// Distance (m) and angle between the pose that an answer gives and the one wanted.
+    fn miss<const N: usize>(arm: &Arm<N>, answer: &Answer<N>, pose: &Pose) -> f64 {
+        let back = arm.forward(&answer.joints);
+        (back.translation - pose.translation).norm().max((back.rotation - pose.rotation).norm())
+    }
+
+    /// The sides that an answer is on, from the frames of its links instead of from what found it.
+    fn sides<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>) -> [f64; 3] {
+        let frames = arm.frames(joints);
+        let zero = if N > 6 { frames[N - 7] } else { arm.base_from_zero.unwrap_or(Pose::identity()) };
+        let [one, two, three, four] = [N - 6, N - 5, N - 4, N - 3].map(|link| frames[link]);
+        let wrist = four.translation;
+        let ahead = one.rotation.column(0).dot(&(wrist - zero.translation));
+        let (upper, fore): (Vector3<f64>, Vector3<f64>) =
+            (two.rotation.column(0).into(), wrist - three.translation + three.rotation.column(0) * arm.dh[N - 4].a);
+        let bend = upper.cross(&fore).dot(&one.rotation.column(2));
+        let angle = arm.dh[N - 2].theta + joints.0[N - 2];
+        let coupled = arm.joints[N - 2].coupling.map_or(0.0, |coupling| coupling.factor * joints.0[coupling.joint]);
+        [ahead, bend, libm::sin(angle + coupled)]
+    }
+
+    fn leads_back<const N: usize>(arm: &Arm<N>, random: &mut Random) {
+        for case in 0..4_000 {
+            let (goal, other) = (random.joints(arm), random.joints(arm));
+            let share = [0.0, 1.0, 0.1, 1e-3, 1e-6][case % 5];
+            let mut seed = goal;
+            for (seed, other) in seed.0.iter_mut().zip(&other.0).skip(N - 6) {
+                *seed += share * (other - *seed);
+            }
+            let pose = arm.forward(&goal);
+            let all = inverse(arm, &pose, &seed).unwrap();
+            let mut own = f64::INFINITY;
+            for (k, answer) in all.as_slice().iter().enumerate() {
+                let name = arm.name;
+                assert!(miss(arm, answer, &pose) < 2e-14, "{name} {goal:?}: {answer:?}");
+                assert!(all.as_slice()[..k].iter().all(|before| before.branch != answer.branch), "{name}: twice");
+                let branch = answer.branch.unwrap();
+                let sides = sides(arm, &answer.joints);
+                for (side, expected) in [branch.shoulder, branch.elbow, branch.wrist].iter().zip(sides) {
+                    assert!(side.sign() * expected > -1e-12, "{name} {goal:?}: {answer:?}, {sides:?}");
+                }
+                assert_eq!(answer.joints.0[..N - 6], seed.0[..N - 6], "what carries the arm moved");
+                let way = answer.joints.0.iter().zip(&goal.0).map(|(a, b)| {
+                    let turns = libm::round((a - b) / (2.0 * PI));
+                    libm::fabs(a - b - 2.0 * PI * turns)
+                });
+                own = own.min(way.fold(0.0, f64::max));
+            }
+            assert!(own < 1e-9, "{} {goal:?}: not among the answers, {own:e}", arm.name);
+            let tracked = nearest(arm, &pose, &seed).unwrap();
+            let best = all.nearest(&seed).unwrap();
+            assert_eq!(distance(&tracked.joints, &seed), distance(&best.joints, &seed), "{} {goal:?}", arm.name);
+        }
+    }
+
+    #[test]
+    fn every_branch_leads_back_and_the_nearest_is_the_nearest_of_all() {
+        let mut random = Random(20_261_122);
+        for arm in [&kuka::KR120_R2500, &kuka::KR210_R2700, &abb::IRB140, &abb::IRB6700_200, &comau::NJ130] {
+            leads_back(arm, &mut random);
+        }
+        for arm in [&comau::NS12, &ODD, &EVEN, &twisted()] {
+            leads_back(arm, &mut random);
+        }
+        leads_back(&crane::CRANE_NJ130, &mut random);
+        leads_back(&carried(&twisted()), &mut random);
+    }
+
+    #[test]
+    fn on_a_singularity_the_free_joint_is_the_seeds() {
+        let mut random = Random(11);
+        // Folded, this one's wrist comes to axis 2, in front of axis 1.
+        let mut ahead = EVEN;
+        ahead.dh[0].a = 0.3;
+        for _ in 0..1_000 {
+            let seed = JointPos(core::array::from_fn(|_| random.between(-3.0, 3.0)));
+            let [roll, pitch, yaw] = core::array::from_fn(|_| random.between(-3.0, 3.0));
+            let turned = |x: f64, y: f64, z: f64| {
+                let pose = Pose::from_roll_pitch_yaw(Vector3::new(x, y, z), roll, pitch, yaw);
+                pose * Pose::from_translation(0.0, 0.0, 0.1)
+            };
+            for (arm, pose, joint) in [
+                (&EVEN, turned(0.0, 0.0, 1.5), 0),
+                (&EVEN, turned(5e-14, -3e-14, -0.2), 0),
+                (&ahead, turned(0.3, 0.0, 0.5), 1),
+                (&ODD, ODD.forward(&JointPos([roll, pitch, 1.0, yaw, -ODD.dh[4].theta, 2.0])), 3),
+            ] {
+                let all = inverse(arm, &pose, &seed).unwrap();
+                let free = all.as_slice().iter().filter(|answer| answer.free == Some(joint));
+                assert!(free.clone().count() >= 2, "{joint}: {all:?}");
+                for answer in free {
+                    assert!(libm::fabs(answer.joints.0[joint] - seed.0[joint]) < 1e-15);
+                    assert!(miss(arm, answer, &pose) < 5e-13, "{answer:?}");
+                }
+                let tracked = nearest(arm, &pose, &seed).unwrap();
+                assert_eq!(distance(&tracked.joints, &seed), distance(&all.nearest(&seed).unwrap().joints, &seed));
+            }
+        }
+    }
+
+    #[test]
+    fn full_turns_of_coupled_joints_keep_the_pose() {
+        let turns = |low: f64, high: f64| Arm {
+            position_min: JointPos([low; 6]),
+            position_max: JointPos([high; 6]),
+            ..comau::NJ130
+        };
+        let mut random = Random(7);
+        for _ in 0..1_000 {
+            let goal = random.joints(&comau::NJ130);
+            let pose = comau::NJ130.forward(&goal);
+            for (low, high) in [(-20.0, -10.0), (3.0, 11.0), (-3.2, 3.2), (-50.0, 50.0)] {
+                let arm = turns(low, high);
+                let seed = random.joints(&Arm { position_min: JointPos([low; 6]), ..turns(low, high) });
+                for answer in inverse(&arm, &pose, &seed).unwrap().as_slice() {
+                    assert!(miss(&arm, answer, &pose) < 5e-14, "{answer:?}");
+                    assert!(answer.joints.0.iter().all(|joint| low <= *joint && *joint <= high), "{answer:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_reached_is_named() {
+        let (arm, zero) = (&kuka::KR120_R2500, JointPos::ZERO);
+        // Level, stretched as far as it goes, and 0.1 m farther.
+        let fore = libm::hypot(1.0, 0.041);
+        let reach = 0.35 + 1.15 + fore + 0.215;
+        let level = |x: f64| Pose {
+            translation: Vector3::new(x, 0.0, 0.675),
+            ..Pose::from_roll_pitch_yaw(Vector3::zeros(), 0.0, core::f64::consts::FRAC_PI_2, 0.0)
+        };
+        let error = inverse(arm, &level(reach + 0.1), &zero);
+        assert!(matches!(error, Err(IkError::OutOfReach { by }) if libm::fabs(by - 0.1) < 1e-12), "{error:?}");
+        assert_eq!(nearest(arm, &level(reach + 0.1), &zero), Err(error.unwrap_err()));
+        assert!(nearest(arm, &level(reach - 1e-12), &zero).is_ok());
+        // Too close: the forearm does not fold that far.
+        let mut short = EVEN;
+        short.dh[3].d *= 5.0 / 9.0;
+        let error = inverse(&short, &Pose::from_translation(0.1, 0.0, 0.6), &zero);
+        assert!(matches!(error, Err(IkError::OutOfReach { by }) if libm::fabs(by - 0.3) < 1e-12), "{error:?}");
+        // Within b of axis 1.
+        let error = inverse(&ODD, &Pose::from_translation(0.1, 0.0, 1.1), &zero);
+        assert!(matches!(error, Err(IkError::OutOfReach { by }) if libm::fabs(by - 0.05) < 1e-12), "{error:?}");
+
+        let goal = JointPos([0.3, -1.0, 0.5, 0.2, 1.0, 0.1]);
+        let pose = arm.forward(&goal);
+        let mut narrow = *arm;
+        (narrow.position_min, narrow.position_max) =
+            (JointPos(goal.0.map(|q| q - 0.01)), JointPos(goal.0.map(|q| q + 0.01)));
+        assert_eq!(inverse(&narrow, &pose, &goal).unwrap().as_slice().len(), 1);
+        narrow.position_max.0[3] = 0.195;
+        let error = nearest(&narrow, &pose, &goal);
+        assert!(
+            matches!(error, Err(IkError::Limit { joint: 3, position }) if libm::fabs(position - 0.2) < 1e-12),
+            "{error:?}"
+        );
+        // A crane's slide beyond its stroke is named, not moved.
+        let crane = &crane::CRANE_NJ130;
+        let seed = JointPos([1.0, 5.0, 3.0, 0.3, 0.1, -1.5, 0.2, 1.0, 0.1]);
+        let error = nearest(crane, &crane.forward(&seed), &seed);
+        assert_eq!(error, Err(IkError::Limit { joint: 1, position: 5.0 }));
+
+        let nan = Pose { translation: Vector3::new(f64::NAN, 0.0, 0.0), ..pose };
+        assert_eq!(inverse(arm, &nan, &zero), Err(IkError::NotFinite));
+        assert_eq!(inverse(&UR10E, &pose, &zero), Err(IkError::OtherShape));
+        assert_eq!(nearest(&UR10E, &pose, &zero), Err(IkError::OtherShape));
+    }
+
+    #[test]
+    fn other_shapes_are_not_taken_for_this_one() {
+        let changes: [fn(&mut Arm<6>); 10] = [
+            |arm| arm.dh[0].cos_alpha = 1e-12,
+            |arm| arm.dh[1].sin_alpha = 1e-12,
+            |arm| arm.dh[2].cos_alpha = 1e-12,
+            |arm| arm.dh[3].a = 1e-12,
+            |arm| arm.dh[4].d = 1e-12,
+            |arm| arm.dh[4].a = 1e-12,
+            |arm| arm.dh[1].a = 0.0,
+            |arm| (arm.dh[2].a, arm.dh[3].d) = (0.0, 0.0),
+            |arm| arm.joints[5].kind = JointKind::Prismatic,
+            |arm| arm.joints[2].coupling = Some(Coupling { joint: 1, factor: 0.5 }),
+        ];
+        assert!(Geometry::of(&comau::NJ130).is_some());
+        for (k, change) in changes.iter().enumerate() {
+            let mut arm = comau::NJ130;
+            change(&mut arm);
+            assert_eq!(Geometry::of(&arm), None, "change {k}");
+        }
+    }
+}
