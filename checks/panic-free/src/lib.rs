@@ -134,6 +134,8 @@ macro_rules! kernel_roots {
                 jerk: &JointJerk<$joints>,
             ) -> Result<State<$joints>, EkfError> {
                 ekf.predict(dt, jerk)?;
+                let variance = ekf.covariance().get(dt as usize, dt as usize).ok_or(EkfError::NotFinite)?;
+                ekf.predict(variance, jerk)?;
                 *ekf = Ekf::new(ekf.state().after(dt, jerk), deviation, density)?;
                 Ok(*ekf.state())
             }

@@ -46,6 +46,21 @@ impl<const N: usize> Covariance<N> {
         }
     }
 
+    /// One entry: components are all positions, then all velocities, then all accelerations. `None` beyond 3·N.
+    pub fn get(&self, row: usize, column: usize) -> Option<f64> {
+        let (first, second) = if row / N <= column / N { (row, column) } else { (column, row) };
+        let block = match (first / N, second / N) {
+            (0, 0) => &self.qq,
+            (0, 1) => &self.qv,
+            (0, 2) => &self.qa,
+            (1, 1) => &self.vv,
+            (1, 2) => &self.va,
+            (2, 2) => &self.aa,
+            _ => return None,
+        };
+        block.get(first % N)?.get(second % N).copied()
+    }
+
     /// P ← F·P·Fᵀ + Q over `dt` = T s. F = \[I, T·I, T²/2·I; 0, I, T·I; 0, 0, I\] is exp(M·T), for M³ = 0; so each entry of a
     /// block is a sum of entries at the same place of the others. Q is the integral of the white jerk's effect
     /// (Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, 6.2.3).

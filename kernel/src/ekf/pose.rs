@@ -58,33 +58,18 @@ impl<const N: usize> Ekf<N> {
         }
         let mut rows = self.pose_rows(&columns);
         let (place, turn) = (measured.position_deviation, measured.rotation_deviation);
-        let [bend_place, bend_turn] = self.bend(&columns);
-        let (p, r) = (place * place + bend_place, turn * turn + bend_turn);
         let mut s = [[0.0; 6]; 6];
-        for ((s, [row, ..]), (k, variance)) in s.iter_mut().zip(&rows).zip((0..6).zip([p, p, p, r, r, r])) {
+        for (s, [row, ..]) in s.iter_mut().zip(&rows) {
             for (column, factor) in columns.iter().zip(row) {
                 add(s, column, *factor);
             }
-            s[k] += variance;
+        }
+        let [bend_place, bend_turn] = bend(&s);
+        let (p, r) = (place * place + bend_place, turn * turn + bend_turn);
+        for (k, variance) in (0..6).zip([p, p, p, r, r, r]) {
+            s[k][k] += variance;
         }
         self.correct(&mut rows, &s, &y)
-    }
-
-    /// What h(x) bends away from its tangent, as variances of position (m²) and rotation (rad²). Second derivatives of the pose
-    /// are cross products of the Jacobian's columns, so the second-order term is at most ½·|δθ|²·|J|, and |δθ|² is the trace of
-    /// P_qq on average. Second-order filters add this to R (Jazwinski, "Stochastic Processes and Filtering Theory", 1970,
-    /// 9.3); next to nothing for a filter that follows, it keeps one that has been without a pose from believing its first
-    /// correction too much, and from gating what comes after.
-    #[inline(always)]
-    fn bend(&self, columns: &[[f64; 6]; N]) -> [f64; 2] {
-        let (mut trace, mut place, mut turn) = (0.0, 0.0, 0.0);
-        for (i, [vx, vy, vz, wx, wy, wz]) in columns.iter().enumerate() {
-            trace += self.covariance().qq[i][i];
-            place += vx * vx + vy * vy + vz * vz;
-            turn += wx * wx + wy * wy + wz * wz;
-        }
-        let share = 0.25 * trace * trace;
-        [share * place, share * turn]
     }
 
     /// H·P = J·\[P_qq, P_qv, P_qa\], J given by its columns.
@@ -101,6 +86,16 @@ impl<const N: usize> Ekf<N> {
         }
         rows
     }
+}
+
+/// What h(x) bends away from its tangent, as variances of position (m²) and rotation (rad²), given H·P·Hᵀ. The second-order term
+/// of a turn by ρ is up to ρ²/2, that of a way λ on an arc which turns by ρ is λ·ρ/2; H·P·Hᵀ has the squares of both. Second-order
+/// filters add such a term to R (Jazwinski, "Stochastic Processes and Filtering Theory", 1970, 9.3); next to nothing for a filter
+/// that follows, it keeps one that was uncertain from believing its first pose too much, and from gating what comes after.
+#[inline(always)]
+fn bend(s: &[[f64; 6]; 6]) -> [f64; 2] {
+    let (way, turn) = (s[0][0] + s[1][1] + s[2][2], s[3][3] + s[4][4] + s[5][5]);
+    [0.25 * way * turn, 0.25 * turn * turn]
 }
 
 /// Whether it is orthonormal, and finite with it.

@@ -20,19 +20,7 @@ pub fn stack(state: &State<N>) -> VectorX {
 
 /// The kernel's blocks as one matrix.
 pub fn matrix(ekf: &Ekf<N>) -> MatrixX {
-    let p = ekf.covariance();
-    MatrixX::from_fn(|i, j| {
-        let (a, b) = if i / N <= j / N { (i, j) } else { (j, i) };
-        let block = match (a / N, b / N) {
-            (0, 0) => &p.qq,
-            (0, 1) => &p.qv,
-            (0, _) => &p.qa,
-            (1, 1) => &p.vv,
-            (1, _) => &p.va,
-            _ => &p.aa,
-        };
-        block[a % N][b % N]
-    })
+    MatrixX::from_fn(|row, column| ekf.covariance().get(row, column).unwrap())
 }
 
 pub struct Dense {
@@ -103,9 +91,9 @@ impl Dense {
             h.set_column(i, &(slope / 60e-3));
         }
         // What the pose bends away from its tangent; see the kernel's `bend`.
-        let trace = self.p.fixed_view::<N, N>(0, 0).trace();
-        let bend = |first| (0.5 * trace * h.fixed_view::<3, X>(first, 0).norm()).powi(2);
-        let bends = [bend(0), bend(3)];
+        let spread = h * self.p * h.transpose();
+        let [way, turn] = [0, 3].map(|first| spread.fixed_view::<3, 3>(first, first).trace());
+        let bends = [0.25 * way * turn, 0.25 * turn * turn];
         let variance = |k| match k {
             0..3 => measured.position_deviation.powi(2) + bends[0],
             _ => measured.rotation_deviation.powi(2) + bends[1],
