@@ -185,8 +185,8 @@ def check_target(rng, folder):
         errors += [there[:3, 3] - here[:3, 3], np.array(vector) / 2]
     errors = np.concatenate(errors)
     squared = errors @ np.linalg.solve(np.array(said["covariance"]), errors)
-    # The 99.9 % point of chi squared with 12 degrees of freedom is 32.9.
-    hold(squared < 32.9, f"target: normalised squared error {squared:.1f} of 12")
+    # Chi squared with 12 degrees of freedom is larger once in a million runs.
+    hold(squared < 50.8, f"target: normalised squared error {squared:.1f} of 12")
     return f"tracker and target exact within {exact:.1e}, with noise at a normalised squared error of {squared:.1f} of 12"
 
 

@@ -1,5 +1,5 @@
-//! The kernel's registration against figures of numpy's singular value decomposition (`fixtures/data/registration.json`, which
-//! names its origin; `.ci/check_registration.py` compares fresh cases).
+//! The kernel's registration against figures of numpy's singular value decomposition
+//! (`fixtures/data/registration.json`, which names its origin; `.ci/check_registration.py` compares fresh cases).
 
 use nalgebra::{Matrix3, Vector3};
 use screed_kernel::registration::{PointPair, register};

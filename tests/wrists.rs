@@ -28,7 +28,7 @@ fn flanges_and_jacobians_are_pinocchios() {
         let text = std::fs::read_to_string(screed_fixtures::data(&format!("kinematics/{name}.json"))).unwrap();
         let file: Value = serde_json::from_str(&text).unwrap();
         let samples = file["samples"].as_array().unwrap();
-        assert_eq!(samples.len(), 30);
+        assert!(samples.len() >= 30);
         let mut worst = [0.0_f64; 3];
         for sample in samples {
             let (flange, jacobian) = arm.jacobian(&JointPos(numbers(&sample["q"])));

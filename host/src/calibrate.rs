@@ -1,9 +1,9 @@
-//! Calibration from measurements: where a tool's tip is, where a tracker's target sits and the tracker stands, and what an arm's
-//! geometry really is. `docs/calibration.md` has the mathematics, the sources and the limits. (A frame from point pairs is the
-//! kernel's: [`screed_kernel::registration`].)
+//! Calibration from measurements: where a tool's tip is, where a tracker's target sits and the tracker stands, and what
+//! an arm's geometry really is. `docs/calibration.md` has the mathematics, the sources and the limits. (A frame from
+//! point pairs is the kernel's: [`screed_kernel::registration`].)
 //!
-//! Each calibration gives its estimate with a covariance and with the residuals of every measurement, and refuses measurements
-//! that leave something undetermined, by naming what.
+//! Each calibration gives its estimate with a covariance and with the residuals of every measurement, and refuses
+//! measurements that leave something undetermined, by naming what.
 
 pub mod arm;
 mod dependence;
@@ -33,13 +33,15 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// The residuals' size in units of the noise stated: √(χ²/degrees), near 1 when the noise is as stated and the model right.
+    /// The residuals' size in units of the noise stated: √(χ²/degrees), near 1 when the noise is as stated and the
+    /// model right.
     pub fn noise_ratio(&self) -> f64 {
         (self.chi_squared / self.degrees as f64).sqrt()
     }
 
-    /// Where [`Self::noise_ratio`] lies in 95 of 100 cases when the noise is as stated: from the 2.5 % and 97.5 % points of χ², by
-    /// Wilson and Hilferty, "The distribution of chi-square", PNAS 17, 1931. Within 0.5 % of the exact ones from 10 degrees on; with 3, the lower is 9 % too low.
+    /// Where [`Self::noise_ratio`] lies in 95 of 100 cases when the noise is as stated: from the 2.5 % and 97.5 %
+    /// points of χ², by Wilson and Hilferty, "The distribution of chi-square", PNAS 17, 1931. Within 0.5 % of the exact
+    /// ones from 10 degrees on; with 3, the lower is 9 % too low.
     pub fn noise_ratio_band(&self) -> [f64; 2] {
         let degrees = self.degrees as f64;
         let point = |normal: f64| {

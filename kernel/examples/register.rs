@@ -1,8 +1,8 @@
 //! Registers point pairs from standard input, for comparison with other programs (`.ci/check_registration.py`).
 //!
-//! In: a line for each case, six numbers for each pair: the point in the outer frame, the point in the inner one (m). Out: a
-//! line for each case: the rotation by rows, the translation, the three levers, residual and mirrored rms (m); or `refused` and
-//! why.
+//! In: a line for each case, six numbers for each pair: the point in the outer frame, the point in the inner one (m).
+//! Out: a line for each case: the rotation by rows, the translation, the three levers, residual and mirrored rms (m);
+//! or `refused` and why.
 
 use nalgebra::Vector3;
 use screed_kernel::registration::{PointPair, register};

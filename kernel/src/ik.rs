@@ -272,35 +272,52 @@ fn distance<const N: usize>(a: &JointPos<N>, b: &JointPos<N>) -> f64 {
     a.0.iter().zip(&b.0).fold(0.0, |far: f64, (a, b)| far.max(libm::fabs(a - b)))
 }
 
+/// [`turned`] of an arm whose joints all turn, where mostly one turn is enough: without branches, it is quick.
+fn turned_about<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>, seed: &JointPos<N>) -> Result<JointPos<N>, Beyond> {
+    let mut near = *joints;
+    let mut beyond = f64::NEG_INFINITY;
+    let larger = |a: f64, b: f64| if a > b { a } else { b };
+    let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
+    for ((position, seed), (low, high)) in near.0.iter_mut().zip(&seed.0).zip(limits) {
+        let away = *position - seed;
+        *position -= if away > PI { 2.0 * PI } else { 0.0 } - if away < -PI { 2.0 * PI } else { 0.0 };
+        let past = larger(low - *position, *position - high);
+        beyond = larger(beyond, larger(past, libm::fabs(*position - seed) - PI));
+    }
+    if beyond <= 0.0 { Ok(near) } else { turned(arm, joints, seed) }
+}
+
 /// Turns each revolute joint by full turns to lie nearest to the seed and inside the limits, or names the joint that cannot.
 fn turned<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>, seed: &JointPos<N>) -> Result<JointPos<N>, Beyond> {
     let mut turned = *joints;
     let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
     let given = arm.joints.iter().zip(&seed.0).zip(limits);
     for (joint, (position, ((moved, seed), (&low, &high)))) in (0..N).zip(turned.0.iter_mut().zip(given)) {
-        let revolute = matches!(moved.kind, JointKind::Revolute);
-        let away = *position - seed;
-        // At most one turn, mostly.
-        let near = match revolute {
-            true if away > PI => *position - 2.0 * PI,
-            true if away < -PI => *position + 2.0 * PI,
-            _ => *position,
-        };
-        if low <= near && near <= high && (libm::fabs(near - seed) <= PI || !revolute) {
-            *position = near;
-            continue;
-        }
-        let found = if revolute { full_turns(*position, *seed, low, high) } else { on_limit(*position, low, high) };
-        *position = found.map_err(|(position, by)| Beyond { joint, position, by })?;
+        *position =
+            turn(moved.kind, *position, *seed, low, high).map_err(|(position, by)| Beyond { joint, position, by })?;
     }
     Ok(turned)
 }
 
+/// Turns one joint, if it is revolute; or, with how far it is beyond its limits, as [`full_turns`].
+#[inline]
+fn turn(kind: JointKind, position: f64, seed: f64, low: f64, high: f64) -> Result<f64, (f64, f64)> {
+    match kind {
+        JointKind::Revolute => full_turns(position, seed, low, high),
+        JointKind::Prismatic => on_limit(position, low, high),
+    }
+}
+
 /// The position plus the count of full turns that puts it nearest to the seed inside the limits; or the position nearest to
 /// the seed, and how far the nearest of all is beyond the limits.
-#[cold]
 fn full_turns(position: f64, seed: f64, low: f64, high: f64) -> Result<f64, (f64, f64)> {
-    let nearest = position + 2.0 * PI * libm::round((seed - position) / (2.0 * PI));
+    let away = position - seed;
+    let nearest = match away {
+        // No turn or one, mostly: without a quotient.
+        _ if libm::fabs(away) <= PI => position,
+        _ if libm::fabs(away) <= 3.0 * PI => position - if away > 0.0 { 2.0 * PI } else { -2.0 * PI },
+        _ => position - 2.0 * PI * libm::round(away / (2.0 * PI)),
+    };
     if low <= nearest && nearest <= high {
         return Ok(nearest);
     }

@@ -1,14 +1,15 @@
 //! Where one frame lies in another, from points measured in both: least squares over pairs.
 //!
-//! With q and p the points of a pair in the outer and the inner frame, seen from the centroids of all, the rotation that makes
-//! Σ|q − R·p|² least is U·diag(1, 1, det(U·Vᵀ))·Vᵀ of H = Σ q·pᵀ = U·diag(σ)·Vᵀ; the translation takes one centroid to the
-//! other. Sources: Veldpaus, Woltring, Dortmans, "A least-squares algorithm for the equiform transformation from spatial marker
-//! co-ordinates", J. Biomechanics 21(1), 1988 (with the scale held at 1); Umeyama, "Least-squares estimation of transformation
-//! parameters between two point patterns", IEEE PAMI 13(4), 1991, for the sign that keeps R from being a mirror image.
+//! With q and p the points of a pair in the outer and the inner frame, seen from the centroids of all, the rotation
+//! that makes Σ|q − R·p|² least is U·diag(1, 1, det(U·Vᵀ))·Vᵀ of H = Σ q·pᵀ = U·diag(σ)·Vᵀ; the translation takes one
+//! centroid to the other. Sources: Veldpaus, Woltring, Dortmans, "A least-squares algorithm for the equiform
+//! transformation from spatial marker co-ordinates", J. Biomechanics 21(1), 1988 (with the scale held at 1); Umeyama,
+//! "Least-squares estimation of transformation parameters between two point patterns", IEEE PAMI 13(4), 1991, for the
+//! sign that keeps R from being a mirror image.
 //!
-//! How well a turn is held: the cost's second derivative is σ₂ + σ₃ for a turn about the first left singular vector, σ₁ + σ₃
-//! about the second, σ₁ + σ₂ about the third (σ₃ with the sign above). For pairs that fit, it is the sum of squares of the points'
-//! distances from that axis, which gives the lever of [`Registration::levers`].
+//! How well a turn is held: the cost's second derivative for a turn about a left singular vector is the sum of the other
+//! two singular values, σ₃ with the sign above. For pairs that fit, it is the sum of squares of the points' distances
+//! from that axis, which gives the lever of [`Registration::levers`].
 
 use crate::pose::Pose;
 use nalgebra::{Matrix3, Matrix6, Vector3};
@@ -19,7 +20,8 @@ pub const PAIRS_MIN: usize = 3;
 pub const COORDINATE_MAX: f64 = 1e6;
 /// Points less far from their centroid (m, root mean square) are one point.
 pub const SPREAD_MIN: f64 = 1e-9;
-/// A lever shorter than this share of the points' spread does not hold a turn: rounding alone would turn the frame by 1e-8 rad.
+/// A lever shorter than this share of the points' spread does not hold a turn: rounding alone would turn the frame by
+/// 1e-8 rad.
 pub const LEVER_SHARE_MIN: f64 = 1e-4;
 
 /// Sweeps of the singular value decomposition, always as many: [`decompose`] has converged to rounding after four.
@@ -59,8 +61,8 @@ pub enum RegistrationError {
         /// What holds that turn (m): root mean square distance of the points from the line.
         lever: f64,
     },
-    /// The points are not on a line, yet several turns fit equally well: the pairs do not belong together, or one set is the
-    /// mirror image of the other and round.
+    /// The points are not on a line, yet several turns fit equally well: the pairs do not belong together, or one set
+    /// is the mirror image of the other and round.
     Ambiguous {
         /// An axis in the outer frame about which any turn fits.
         axis_in_outer: Vector3<f64>,
@@ -80,20 +82,21 @@ pub struct Registration {
     pub residual_max: f64,
     /// The pair (0 is the first) that has it.
     pub residual_max_pair: usize,
-    /// The root mean square distance that the best mirror image would leave (m). Clearly less than `residual_rms`: one set of
-    /// points is left-handed, or points are swapped. For points in a plane both are equal.
+    /// The root mean square distance that the best mirror image would leave (m). Clearly less than `residual_rms`: one
+    /// set of points is left-handed, or points are swapped. For points in a plane both are equal.
     pub mirrored_rms: f64,
-    /// The axes about which the pairs hold a turn worst, next and best: columns, unit vectors in the outer frame, right-handed.
+    /// The axes about which the pairs hold a turn worst, next and best: columns, unit vectors in the outer frame,
+    /// right-handed.
     pub axes_in_outer: Matrix3<f64>,
-    /// Root mean square distance of the points from each of these axes through the centroid (m): noise of σ in every coordinate of
-    /// a pair turns the frame about it by σ/(lever·√count) rad, one standard deviation.
+    /// Root mean square distance of the points from each of these axes through the centroid (m): noise of σ in every
+    /// coordinate of a pair turns the frame about it by σ/(lever·√count) rad, one standard deviation.
     pub levers: Vector3<f64>,
     /// Mean of the points in the inner frame (m): where the translation is held best.
     pub centroid_in_inner: Vector3<f64>,
 }
 
-/// The pose of the inner frame that brings the pairs together in the sense of least squares, all with the same weight. Work is
-/// proportional to the count of pairs, plus a constant.
+/// The pose of the inner frame that brings the pairs together in the sense of least squares, all with the same weight.
+/// Work is proportional to the count of pairs, plus a constant.
 ///
 /// # Errors
 /// [`RegistrationError`] when the pairs do not determine a pose.
@@ -159,16 +162,17 @@ impl Registration {
         pair.in_outer - self.outer_from_inner.transform_point(&pair.in_inner)
     }
 
-    /// The noise that the residuals show (m): standard deviation of one coordinate of a pair, unbiased in its square. Six of the
-    /// 3·count coordinates went into the pose.
+    /// The noise that the residuals show (m): standard deviation of one coordinate of a pair, unbiased in its square.
+    /// Six of the 3·count coordinates went into the pose.
     pub fn sigma(&self) -> f64 {
         let n = self.count as f64;
         self.residual_rms * libm::sqrt(n / (3.0 * n - 6.0))
     }
 
-    /// Covariance of the pose, to first order, when every coordinate of every pair (the outer point less the inner one put in place)
-    /// has independent noise of the standard deviation `sigma` (m). Rows and columns: translation (m), then the rotation vector (rad)
-    /// of the turn left to do, both in the outer frame: R_true = exp(φ)·R, t_true = t + τ.
+    /// Covariance of the pose, to first order, when every coordinate of every pair (the outer point less the inner one
+    /// put in place) has independent noise of the standard deviation `sigma` (m). Rows and columns: translation (m),
+    /// then the rotation vector (rad) of the turn left to do, both in the outer frame: R_true = exp(φ)·R, t_true = t +
+    /// τ.
     ///
     /// The centroid's place and the turn about it are independent; the inner origin's place adds the turn's lever.
     pub fn covariance(&self, sigma: f64) -> Matrix6<f64> {
@@ -199,7 +203,8 @@ struct Fit {
 }
 
 impl Fit {
-    /// `moment` is Σ q·pᵀ divided by count and `scale`, the product of both spreads, so that no singular value is above 1.
+    /// `moment` is Σ q·pᵀ divided by count and `scale`, the product of both spreads, so that no singular value is above
+    /// 1.
     fn new(moment: &Matrix3<f64>, scale: f64) -> Result<Self, RegistrationError> {
         let [first, second, third] = decompose(moment);
         let least = LEVER_SHARE_MIN * LEVER_SHARE_MIN;
@@ -236,9 +241,9 @@ struct Column {
     image: Vector3<f64>,
 }
 
-/// Singular value decomposition, largest value first, by one-sided Jacobi rotations (Hestenes, "Inversion of matrices by
-/// biorthogonalization and related results", J. SIAM 6(1), 1958): pairs of columns are turned until their images are square to each
-/// other. The count of sweeps is fixed, so is the time it takes.
+/// Singular value decomposition, largest value first, by one-sided Jacobi rotations (Hestenes, "Inversion of matrices
+/// by biorthogonalization and related results", J. SIAM 6(1), 1958): pairs of columns are turned until their images are
+/// square to each other. The count of sweeps is fixed, so is the time it takes.
 fn decompose(matrix: &Matrix3<f64>) -> [Column; 3] {
     let column = |source: Vector3<f64>| Column { source, image: matrix * source };
     let (mut a, mut b, mut c) = (column(Vector3::x()), column(Vector3::y()), column(Vector3::z()));

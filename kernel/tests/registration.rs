@@ -1,5 +1,5 @@
-//! Registration: what is refused, what is least, and whether the covariance is honest. Figures of another program's answers
-//! stand in `tests/registration.rs` of the workspace.
+//! Registration: what is refused, what is least, and whether the covariance is honest. Figures of another program's
+//! answers stand in `tests/registration.rs` of the workspace.
 
 mod common;
 
@@ -9,7 +9,8 @@ use screed_kernel::pose::Pose;
 use screed_kernel::registration::{PointPair, Registration, RegistrationError, register};
 use std::f64::consts::PI;
 
-/// A number of the standard normal distribution (Box, Muller, "A note on the generation of random normal deviates", 1958).
+/// A number of the standard normal distribution (Box, Muller, "A note on the generation of random normal deviates",
+/// 1958).
 fn normal(random: &mut Random) -> f64 {
     let radius = (-2.0 * random.between(f64::MIN_POSITIVE, 1.0).ln()).sqrt();
     radius * random.between(0.0, 2.0 * PI).cos()
@@ -98,7 +99,8 @@ fn levers_are_the_points_distances_from_the_axes() {
     }
 }
 
-/// Normalised squared error of 4,000 poses against χ² with six degrees of freedom, and the noise found against the noise given.
+/// Normalised squared error of 4,000 poses against χ² with six degrees of freedom, and the noise found against the
+/// noise given.
 #[test]
 fn the_covariance_is_that_of_the_errors() {
     const RUNS: usize = 4000;
@@ -118,7 +120,8 @@ fn the_covariance_is_that_of_the_errors() {
             outside += usize::from(squared > 12.5916); // the 95 % point of χ²(6)
             variance += found.sigma() * found.sigma();
         }
-        // Mean of RUNS values of χ²(6): 6 with the standard deviation √(12 / RUNS); of χ²(3·count − 6) over its degrees likewise.
+        // Mean of RUNS values of χ²(6): 6 with the standard deviation √(12 / RUNS); of χ²(3·count − 6) over its degrees
+        // likewise.
         let mean = sum / RUNS as f64;
         assert!((mean - 6.0).abs() < 1.96 * (12.0 / RUNS as f64).sqrt(), "{count} points: {mean}");
         let degrees = 3.0 * count as f64 - 6.0;

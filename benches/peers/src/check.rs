@@ -7,10 +7,6 @@ use std::f64::consts::PI;
 /// How far the joints of one branch may differ between two programs (rad), full turns aside.
 const JOINTS: f64 = 1e-8;
 
-/// |sin θ| of the elbow or of the wrist's middle joint below which two branches are about to become one: rounding decides
-/// there whether they exist, and the joints of an exact pose are known to √ε only.
-const SINGULAR: f64 = 1e-5;
-
 /// How far entries of poses and Jacobians may differ (m, rad).
 const ENTRIES: f64 = 1e-12;
 
@@ -21,33 +17,28 @@ pub struct Agreement {
     pub common: usize,
     /// The largest difference among them (rad, m).
     pub worst: f64,
-    /// Answers that only one gave, with good reason.
-    pub not_common: usize,
+    /// Answers that differ because ours is nearer to the seed.
+    pub nearer: usize,
 }
 
 /// Whether both find the same branches for every one of `inputs` inputs.
 ///
 /// # Errors
-/// The first input with a branch that only one of them has, unless it lies next to a singularity.
+/// The first input with a branch that only one of them has, or one of them twice.
 pub fn branches(ours: &Job, theirs: &Job, inputs: usize) -> Outcome<Agreement> {
     compare(ours, theirs, inputs, 6, |_, ours, theirs, agreement| {
         for (have, other) in [(ours, theirs), (theirs, ours)] {
             for joints in have {
                 let near = other.iter().map(|candidate| turn_between(joints, candidate)).fold(f64::INFINITY, f64::min);
-                if near <= JOINTS {
-                    agreement.common += 1;
-                    agreement.worst = agreement.worst.max(near);
-                } else if [joints[2], joints[4]].iter().any(|angle| angle.sin().abs() < SINGULAR) {
-                    agreement.not_common += 1;
-                } else {
+                if near > JOINTS {
                     return false;
                 }
+                agreement.worst = agreement.worst.max(near);
             }
         }
-        true
+        agreement.common += ours.len();
+        ours.len() == theirs.len()
     })
-    // Each was seen from both sides.
-    .map(|agreement| Agreement { common: agreement.common / 2, ..agreement })
 }
 
 /// Whether both pick the same branch for every input, or ours the one nearer to the seed by the largest joint difference.
@@ -65,7 +56,7 @@ pub fn nearest(ours: &Job, theirs: &Job, inputs: &[Record]) -> Outcome<Agreement
             agreement.worst = agreement.worst.max(apart);
             return true;
         }
-        agreement.not_common += 1;
+        agreement.nearer += 1;
         let seed = &inputs[input].seed.0;
         turn_between(ours, seed) <= turn_between(theirs, seed) + JOINTS
     })

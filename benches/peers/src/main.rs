@@ -1,6 +1,7 @@
 //! Our kinematics beside other people's, in one run: first whether both give the same answers, then time and instructions.
 //! `.ci/peers` builds the workers and starts this.
 
+mod arms;
 mod check;
 mod child;
 mod opw;

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::thread;
 
 /// How long a slice lasts at least, about (ns). The two take turns, so that whatever slows the machine for a while slows
-/// both; and slices are short, so that most are not interrupted.
+/// both; and slices are short, so that many are not interrupted.
 const SLICE: f64 = 2e6;
 
 /// Slices of each.
@@ -22,7 +22,7 @@ pub struct Pair {
     pub inputs: usize,
 }
 
-/// Time for one input.
+/// Processor time for one input.
 pub struct Timed {
     /// Ours: the median over all slices (ns).
     pub ours: f64,

@@ -55,7 +55,7 @@ pub fn write(path: &Path, records: &[Record]) -> io::Result<u64> {
     Ok(bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3)))
 }
 
-/// Reads what [`write`] wrote.
+/// Reads what [`write()`] wrote.
 pub fn read(path: &Path) -> io::Result<Vec<Record>> {
     let bytes = fs::read(path)?;
     let (records, rest) = bytes.as_chunks::<BYTES>();

@@ -1,11 +1,10 @@
 //! What is compared, and the table of it.
 
+use crate::arms::Ours;
 use crate::check::{self, Agreement};
 use crate::child::{Job, Outcome};
 use crate::race::{self, Pair, Timed};
 use crate::record::{self, Record};
-use screed_kernel::arm::Arm;
-use screed_kernel::arms::ur::UR10E;
 use std::path::Path;
 
 /// Inputs on which both must agree, and those that are timed.
@@ -15,91 +14,36 @@ const TIMED: usize = 1_000;
 /// The folders of the workers, by what their compilers were told of the processor: nothing (x86-64), or x86-64-v3.
 const BUILDS: [&str; 2] = ["x86-64", "x86-64-v3"];
 
-/// How the answers of two programs are compared.
-enum Sameness {
-    /// Sets of branches.
-    Branches,
-    /// One branch, near a seed.
-    Nearest,
-    /// So many numbers.
-    Numbers(usize),
-}
-
 /// A line of the table: what ours does, and the peer that does the same work.
 struct Line {
-    what: &'static str,
-    arm: &'static Arm<6>,
-    ours: &'static str,
+    ours: Ours,
+    item: &'static str,
     program: &'static str,
     theirs: &'static str,
-    sameness: Sameness,
     builds: &'static [&'static str],
     /// How many times faster ours is meant to be.
     goal: f64,
 }
 
-const LINES: [Line; 6] = [
-    Line {
-        what: "inverse, all branches, each verified",
-        arm: &UR10E,
-        ours: "all-verified",
-        program: "ur-analytic-ik",
-        theirs: "all",
-        sameness: Sameness::Branches,
-        builds: &BUILDS,
-        goal: 8.0,
-    },
-    Line {
-        what: "inverse, all branches, none verified",
-        arm: &UR10E,
-        ours: "all",
-        program: "ur-analytic-ik-unverified",
-        theirs: "all",
-        sameness: Sameness::Branches,
-        builds: &BUILDS,
-        goal: 8.0,
-    },
-    Line {
-        what: "inverse, nearest branch, verified",
-        arm: &UR10E,
-        ours: "nearest-verified",
-        program: "ur-analytic-ik",
-        theirs: "nearest",
-        sameness: Sameness::Nearest,
-        builds: &BUILDS,
-        goal: 30.0,
-    },
-    Line {
-        what: "inverse, nearest branch, not verified",
-        arm: &UR10E,
-        ours: "nearest",
-        program: "ur-analytic-ik-unverified",
-        theirs: "nearest",
-        sameness: Sameness::Nearest,
-        builds: &BUILDS,
-        goal: 30.0,
-    },
-    Line {
-        what: "forward, with Jacobian",
-        arm: &UR10E,
-        ours: "jacobian",
-        program: "kdl",
-        theirs: "jacobian",
-        sameness: Sameness::Numbers(48),
-        builds: &BUILDS,
-        goal: 20.0,
-    },
-    Line {
-        what: "forward, with Jacobian",
-        arm: &UR10E,
-        ours: "jacobian",
-        program: "kdl-debian",
-        theirs: "jacobian",
-        sameness: Sameness::Numbers(48),
-        builds: &["x86-64"],
-        goal: 20.0,
-    },
-];
+fn lines() -> Outcome<Vec<Line>> {
+    let line = |arm, item, program, theirs, goal| -> Outcome<Line> {
+        let ours = Ours::named(arm).ok_or_else(|| format!("no such arm: {arm}"))?;
+        Ok(Line { ours, item, program, theirs, builds: &BUILDS, goal })
+    };
+    let mut lines = vec![
+        line("ur10e", "all-verified", "ur-analytic-ik", "all", 8.0)?,
+        line("ur10e", "all", "ur-analytic-ik-unverified", "all", 8.0)?,
+        line("ur10e", "nearest-verified", "ur-analytic-ik", "nearest", 30.0)?,
+        line("ur10e", "nearest", "ur-analytic-ik-unverified", "nearest", 30.0)?,
+        line("ur10e", "jacobian", "kdl", "jacobian", 20.0)?,
+        Line { builds: &["x86-64"], ..line("ur10e", "jacobian", "kdl-debian", "jacobian", 20.0)? },
+    ];
+    for arm in ["kr120-r2500-pro", "kr210-r2700-2", "irb140", "irb6700-200-2.60", "nj130-2.6"] {
+        lines.push(line(arm, "all-verified", "rs-opw-kinematics", "opw-all", 6.0)?);
+        lines.push(line(arm, "nearest-verified", "rs-opw-kinematics", "opw-nearest", 6.0)?);
+    }
+    Ok(lines)
+}
 
 /// Compares answers, then time and instructions, of the workers in the folders of `workers`.
 ///
@@ -107,40 +51,39 @@ const LINES: [Line; 6] = [
 /// Answers that differ, or a worker that fails.
 pub fn side_by_side(workers: &Path) -> Outcome<()> {
     let folder = tempfile::tempdir()?;
+    let lines = lines()?;
     println!("the same answers at {CHECKED} random poses (seed 1)");
-    for line in &LINES {
-        let records = record::random(line.arm, CHECKED, 1);
+    for line in &lines {
+        let records = record::random(&line.ours.arm, CHECKED, 1);
         let inputs = folder.path().join("checked");
         let hash = record::write(&inputs, &records)?;
         println!("  {}; inputs {hash:016x}", line.title());
         for build in line.builds {
             let found = line.compare(&line.pair(&workers.join(build), &inputs, CHECKED), &records);
             let found = found.map_err(|error| format!("{}, {build}: {error}", line.title()))?;
-            println!(
-                "    {build:<10} {} the same, differing by {:.1e} at most; {} not the same, next to a singularity",
-                found.common, found.worst, found.not_common
-            );
+            let nearer = if found.nearer == 0 { String::new() } else { format!("; {} of ours nearer", found.nearer) };
+            println!("    {build:<10} {} the same, differing by {:.1e} at most{nearer}", found.common, found.worst);
         }
     }
 
-    let mut pairs = Vec::new();
-    for line in &LINES {
-        let inputs = folder.path().join(line.arm.name);
-        record::write(&inputs, &record::random(line.arm, TIMED, 2))?;
+    let (mut pairs, mut hashes) = (Vec::new(), Vec::new());
+    for line in &lines {
+        let inputs = folder.path().join(line.ours.arm.name);
+        hashes.push(record::write(&inputs, &record::random(&line.ours.arm, TIMED, 2))?);
         pairs.extend(line.builds.iter().map(|build| line.pair(&workers.join(build), &inputs, TIMED)));
     }
     let times = pairs.iter().map(race::time).collect::<Outcome<Vec<Timed>>>()?;
     let counts = race::count(&pairs, folder.path())?;
 
-    println!("\none input, of {TIMED} random poses (seed 2)");
+    println!("\none input, of {TIMED} random poses (seed 2); ns of processor time, median");
     println!("    {:<10} {:>16} {:>18} {:>34}", "", "ours", "theirs", "theirs / ours");
     println!(
         "    {:<10} {:>8} {:>7} {:>10} {:>7} {:>9} {:<13} {:>12} {:>6}",
         "", "ns", "instr.", "ns", "instr.", "time", "(quartiles)", "instructions", "goal"
     );
     let mut rows = times.iter().zip(&counts);
-    for line in &LINES {
-        println!("  {}", line.title());
+    for (line, hash) in lines.iter().zip(hashes) {
+        println!("  {}; inputs {hash:016x}", line.title());
         for (build, (time, [ours, theirs])) in line.builds.iter().zip(&mut rows) {
             let [low, median, high] = time.ratio;
             let quartiles = format!("({low:.1}-{high:.1})");
@@ -158,24 +101,28 @@ pub fn side_by_side(workers: &Path) -> Outcome<()> {
 
 impl Line {
     fn title(&self) -> String {
-        format!("{}: {}; {}", self.arm.name, self.what, self.program)
+        let what = match self.item {
+            "all-verified" => "inverse, all branches, each verified",
+            "all" => "inverse, all branches, none verified",
+            "nearest-verified" => "inverse, nearest branch, verified",
+            "nearest" => "inverse, nearest branch, not verified",
+            _ => "forward, with Jacobian",
+        };
+        format!("{}: {what}; {}", self.ours.arm.name, self.program)
     }
 
     fn pair(&self, workers: &Path, inputs: &Path, count: usize) -> Pair {
-        let job = |program: &str, item: &'static str| Job {
-            program: workers.join(program),
-            item,
-            arm: self.arm.name,
-            inputs: inputs.to_path_buf(),
-        };
-        Pair { ours: job("screed-peers", self.ours), theirs: job(self.program, self.theirs), inputs: count }
+        let arm = self.ours.arm.name;
+        let job = |program, item| Job { program: workers.join(program), item, arm, inputs: inputs.to_path_buf() };
+        Pair { ours: job("screed-peers", self.item), theirs: job(self.program, self.theirs), inputs: count }
     }
 
     fn compare(&self, pair: &Pair, records: &[Record]) -> Outcome<Agreement> {
-        match self.sameness {
-            Sameness::Branches => check::branches(&pair.ours, &pair.theirs, records.len()),
-            Sameness::Nearest => check::nearest(&pair.ours, &pair.theirs, records),
-            Sameness::Numbers(width) => check::numbers(&pair.ours, &pair.theirs, records.len(), width),
+        match self.item {
+            "all-verified" | "all" => check::branches(&pair.ours, &pair.theirs, records.len()),
+            "nearest-verified" | "nearest" => check::nearest(&pair.ours, &pair.theirs, records),
+            // A pose, three rows of four, and a Jacobian.
+            _ => check::numbers(&pair.ours, &pair.theirs, records.len(), 12 + 36),
         }
     }
 }

@@ -1,21 +1,20 @@
 //! A worker: one kind of work on one file of inputs, in a process of its own. cpp/worker.hpp is the same in C++.
 //!
 //! `WORKER ITEM ARM INPUTS` obeys lines on its standard input: to `run N` it does the work N times on every input and answers
-//! with the nanoseconds that took; to `show` it answers with its results, for each input how many and then their numbers,
+//! with the nanoseconds of processor time that took; to `show` it answers with its results, for each input how many and then their numbers,
 //! all as 64-bit floats. `WORKER ITEM ARM INPUTS N` does the work N times and ends, for a profiler that counts instructions.
 
+use crate::arms::Ours;
 use crate::child::Outcome;
 use crate::opw;
 use crate::record::{self, Record};
-use screed_kernel::arm::{Arm, Jacobian};
-use screed_kernel::arms::ur::UR10E;
-use screed_kernel::ik;
+use rustix::time::{ClockId, clock_gettime};
+use screed_kernel::arm::Jacobian;
+use screed_kernel::ik::{Answer, Branches};
 use screed_kernel::pose::Pose;
-use screed_kernel::units::JointPos;
 use std::hint::black_box;
 use std::io::{BufRead, BufWriter, Write};
 use std::path::Path;
-use std::time::Instant;
 
 /// How far the forward kinematics of an answer may be from the pose sought, in each entry: the tolerance of
 /// ur-analytic-ik's own verification.
@@ -43,35 +42,27 @@ pub fn work(item: &str, arm: &str, inputs: &Path, passes: Option<u64>) -> Outcom
             _ => Err(format!("no such item: opw-{item}").into()),
         };
     }
-    let arm = [&UR10E].into_iter().find(|known| known.name == arm).ok_or_else(|| format!("no such arm: {arm}"))?;
+    let ours = &Ours::named(arm).ok_or_else(|| format!("no such arm: {arm}"))?;
     match item {
-        "all" => serve(inputs, passes, |input| all(arm, input), show_all),
-        "all-verified" => serve(inputs, passes, |input| all_verified(arm, input), show_all),
-        "nearest" => serve(inputs, passes, |input| nearest(arm, input), show_one),
-        "nearest-verified" => serve(inputs, passes, |input| nearest_verified(arm, input), show_one),
-        "jacobian" => serve(inputs, passes, |input| arm.jacobian(&input.joints), show_jacobian),
+        "all" => serve(inputs, passes, |input| ours.all(input), show_all),
+        "all-verified" => serve(inputs, passes, |input| all_verified(ours, input), show_all),
+        "nearest" => serve(inputs, passes, |input| ours.nearest(input), show_nearest),
+        "nearest-verified" => serve(inputs, passes, |input| nearest_verified(ours, input), show_nearest),
+        "jacobian" => serve(inputs, passes, |input| ours.arm.jacobian(&input.joints), show_jacobian),
         _ => Err(format!("no such item: {item}").into()),
     }
 }
 
-fn all(arm: &Arm<6>, input: &Record) -> Option<ik::Branches<6>> {
-    ik::ur::inverse(arm, &input.base_from_flange, &input.seed).ok()
+fn all_verified(ours: &Ours, input: &Record) -> Option<Branches<6>> {
+    ours.all(input).filter(|all| verified(ours, input, all.as_slice()))
 }
 
-fn nearest(arm: &Arm<6>, input: &Record) -> Option<JointPos<6>> {
-    ik::ur::nearest(arm, &input.base_from_flange, &input.seed).ok().map(|answer| answer.joints)
+fn nearest_verified(ours: &Ours, input: &Record) -> Option<Answer<6>> {
+    ours.nearest(input).filter(|answer| verified(ours, input, std::slice::from_ref(answer)))
 }
 
-fn all_verified(arm: &Arm<6>, input: &Record) -> Option<ik::Branches<6>> {
-    all(arm, input).filter(|all| verified(arm, input, all.as_slice().iter().map(|answer| &answer.joints)))
-}
-
-fn nearest_verified(arm: &Arm<6>, input: &Record) -> Option<JointPos<6>> {
-    nearest(arm, input).filter(|joints| verified(arm, input, [joints]))
-}
-
-fn verified<'a>(arm: &Arm<6>, input: &Record, answers: impl IntoIterator<Item = &'a JointPos<6>>) -> bool {
-    answers.into_iter().all(|joints| reaches(&arm.forward(joints), &input.base_from_flange))
+fn verified(ours: &Ours, input: &Record, answers: &[Answer<6>]) -> bool {
+    answers.iter().all(|answer| reaches(&ours.arm.forward(&answer.joints), &input.base_from_flange))
 }
 
 fn reaches(is: &Pose, sought: &Pose) -> bool {
@@ -80,15 +71,17 @@ fn reaches(is: &Pose, sought: &Pose) -> bool {
     rotation <= VERIFIED && translation <= VERIFIED
 }
 
-fn show_all(answer: &Option<ik::Branches<6>>, numbers: &mut Vec<f64>) {
-    let branches = answer.as_ref().map_or(&[][..], ik::Branches::as_slice);
-    numbers.push(branches.len() as f64);
-    numbers.extend(branches.iter().flat_map(|answer| answer.joints.0));
+fn show_all(branches: &Option<Branches<6>>, numbers: &mut Vec<f64>) {
+    show(branches.as_ref().map_or(&[], Branches::as_slice), numbers);
 }
 
-fn show_one(answer: &Option<JointPos<6>>, numbers: &mut Vec<f64>) {
-    numbers.push(f64::from(u8::from(answer.is_some())));
-    numbers.extend(answer.iter().flat_map(|joints| joints.0));
+fn show_nearest(answer: &Option<Answer<6>>, numbers: &mut Vec<f64>) {
+    show(answer.as_slice(), numbers);
+}
+
+fn show(answers: &[Answer<6>], numbers: &mut Vec<f64>) {
+    numbers.push(answers.len() as f64);
+    numbers.extend(answers.iter().flat_map(|answer| answer.joints.0));
 }
 
 /// Rows of [R | t], then the Jacobian's columns.
@@ -99,6 +92,12 @@ fn show_jacobian((pose, jacobian): &(Pose, Jacobian<6>), numbers: &mut Vec<f64>)
         numbers.push(pose.translation[row]);
     }
     numbers.extend(jacobian.iter());
+}
+
+/// Time that this process has had on a processor (ns): what the machine does meanwhile for others is left out.
+fn processor_time() -> i64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec * 1_000_000_000 + time.tv_nsec
 }
 
 /// `work` is what is timed, for one input; `show` makes numbers of its answer.
@@ -124,9 +123,9 @@ fn serve<Input, Answer>(
         let line = line?;
         if let Some(passes) = line.strip_prefix("run ") {
             let passes = passes.parse()?;
-            let start = Instant::now();
+            let start = processor_time();
             run(passes);
-            writeln!(out, "{}", start.elapsed().as_nanos())?;
+            writeln!(out, "{}", processor_time() - start)?;
         } else if line == "show" {
             let mut numbers = Vec::new();
             for input in inputs {

@@ -1,13 +1,14 @@
 //! What an arm's geometry really is: changes of its DH table, from poses of a target that a tracker measured.
 //!
-//! Unknown are the changes of every row, where the target sits on the flange and where the tracker stands; Gauss–Newton on the
-//! tracker's residuals, by its noise, with the analytic Jacobian of the chain. Sources: Mooring, Roth, Driels, "Fundamentals
-//! of Manipulator Calibration", 1991; Hollerbach, Khalil, Gautier, "Model Identification", Springer Handbook of Robotics, 2016.
+//! Unknown are the changes of every row, where the target sits on the flange and where the tracker stands; Gauss–Newton
+//! on the tracker's residuals, by its noise, with the analytic Jacobian of the chain. Sources: Mooring, Roth, Driels,
+//! "Fundamentals of Manipulator Calibration", 1991; Hollerbach, Khalil, Gautier, "Model Identification", Springer
+//! Handbook of Robotics, 2016.
 //!
-//! Not all of them can be told apart: the first row's θ and d from a motion of the base, the last row's four from one of the target,
-//! the d of rows with parallel axes from each other; with few or similar poses, more. The singular values of the column-scaled
-//! Jacobian say so; for each such dependence one change is held at zero, a row's before a frame's and a later row's before an
-//! earlier one's, and the dependence is named.
+//! Not all of them can be told apart: the first row's θ and d from a motion of the base, the last row's four from one
+//! of the target, the d of rows with parallel axes from each other; with few or similar poses, more. The singular
+//! values of the column-scaled Jacobian say so; for each such dependence one change is held at zero, a row's before a
+//! frame's and a later row's before an earlier one's, and the dependence is named.
 
 pub(super) mod chain;
 mod parameter;
@@ -79,18 +80,19 @@ pub struct Identified<const N: usize> {
     pub residuals: Vec<PoseResidual>,
     /// What the table as it was, with target and tracker fitted alone, leaves of each pose.
     pub residuals_before: Vec<PoseResidual>,
-    /// How far off the target's predicted place is to be expected at poses like those measured, by the covariance: root mean square
-    /// distance (m), one standard deviation.
+    /// How far off the target's predicted place is to be expected at poses like those measured, by the covariance: root
+    /// mean square distance (m), one standard deviation.
     pub target_sigma: f64,
-    /// Largest over smallest singular value of the Jacobian of what was sought, with its columns scaled to one length. Above 100
-    /// the poses are badly chosen.
+    /// Largest over smallest singular value of the Jacobian of what was sought, with its columns scaled to one length.
+    /// Above 100 the poses are badly chosen.
     pub condition: f64,
 }
 
 /// Finds how an arm differs from its table.
 ///
 /// # Errors
-/// [`CalibrateError`] with too few poses, numbers that are none, turns about one axis only, or poses that do not belong together.
+/// [`CalibrateError`] with too few poses, numbers that are none, turns about one axis only, or poses that do not belong
+/// together.
 pub fn identify<const N: usize>(
     nominal: &Arm<N>,
     measurements: &[ArmMeasurement<N>],
@@ -172,7 +174,7 @@ pub(super) fn system<const N: usize>(
     System { jacobian, residual }
 }
 
-/// Σ trace(J·C·Jᵀ) over the rows of positions, their weights taken back.
+/// Root of the mean over the poses of trace(J·C·Jᵀ), J the rows of the position with their weights taken back.
 fn target_sigma<const N: usize>(
     jacobian: &DMatrix<f64>,
     covariance: &DMatrix<f64>,

@@ -3,9 +3,10 @@
 use super::least_squares::column_lengths;
 use nalgebra::{DMatrix, DVector};
 
-/// Singular values below this share of the largest, of the Jacobian with its columns scaled to one length, count as zero: what they
-/// stand for would be determined a thousand times worse than what is determined best. (Schröer, "Theory of kinematic modelling and
-/// numerical procedures for robot calibration", 1993, asks for a condition below 100 for a sound one.)
+/// Singular values below this share of the largest, of the Jacobian with its columns scaled to one length, count as
+/// zero: what they stand for would be determined a thousand times worse than what is determined best. (Schröer, "Theory
+/// of kinematic modelling and numerical procedures for robot calibration", 1993, asks for a condition below 100 for a
+/// sound one.)
 pub(super) const RANK_TOLERANCE: f64 = 1e-3;
 /// A parameter belongs to a dependence when its share in it, with columns scaled, is at least this part of the largest.
 const SHARE_MIN: f64 = 0.05;

@@ -1,5 +1,5 @@
-//! Measurement files, in TOML: one layout for each calibration, in `docs/calibration.md` with examples. Units stand in the keys and
-//! end here; everything unknown, missing, twice said or impossible is an error with its place.
+//! Measurement files, in TOML: one layout for each calibration, in `docs/calibration.md` with examples. Units stand in
+//! the keys and end here; everything unknown, missing, twice said or impossible is an error with its place.
 
 mod poses;
 

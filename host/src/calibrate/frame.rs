@@ -4,8 +4,8 @@ use super::{CalibrateError, Fit};
 use nalgebra::{Matrix6, Vector3};
 use screed_kernel::registration::{PointPair, Registration, register};
 
-/// Where a mirror image leaves less than this share of what the best turn leaves, that is no chance: a frame is left-handed, or
-/// points are swapped.
+/// Where a mirror image leaves less than this share of what the best turn leaves, that is no chance: a frame is
+/// left-handed, or points are swapped.
 const MIRRORED: f64 = 0.2;
 
 /// A frame, how well it is known, and what is left of each pair.
@@ -23,11 +23,12 @@ pub struct Frame {
     pub residuals: Vec<Vector3<f64>>,
 }
 
-/// Finds the frame. `sigma`: standard deviation of each coordinate of a pair, both measurements together (m); without it, the
-/// residuals tell.
+/// Finds the frame. `sigma`: standard deviation of each coordinate of a pair, both measurements together (m); without
+/// it, the residuals tell.
 ///
 /// # Errors
-/// [`CalibrateError::Registration`] when the pairs hold no frame, [`CalibrateError::Mirrored`] when they fit a mirror image.
+/// [`CalibrateError::Registration`] when the pairs hold no frame, [`CalibrateError::Mirrored`] when they fit a mirror
+/// image.
 pub fn fit(pairs: &[PointPair], sigma: Option<f64>) -> Result<Frame, CalibrateError> {
     if let Some(found) = sigma.filter(|sigma| !(*sigma > 0.0 && sigma.is_finite())) {
         return Err(CalibrateError::Noise { found });

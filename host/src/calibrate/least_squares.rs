@@ -7,15 +7,15 @@ use nalgebra::{DMatrix, DVector};
 const STEPS_MAX: usize = 50;
 /// Halvings of one step that makes the fit worse.
 const HALVINGS_MAX: i32 = 20;
-/// A step that would change all predictions together by less than this share of the noise and of the residuals is the last one: with
-/// quadratic convergence what remains is its square.
+/// A step that would change all predictions together by less than this share of the noise and of the residuals is the
+/// last one: with quadratic convergence what remains is its square.
 const CHANGE_MIN: f64 = 1e-5;
 
 /// Singular values of the column-scaled Jacobian that span more are those of a singular one, and rounding.
 const CONDITION_MAX: f64 = 1e12;
 
-/// A model near a state: residuals (measured less predicted) and how the predictions change with each parameter, both divided by the
-/// measurements' standard deviations.
+/// A model near a state: residuals (measured less predicted) and how the predictions change with each parameter, both
+/// divided by the measurements' standard deviations.
 pub(super) struct System {
     /// A row for each measured number, a column for each parameter.
     pub jacobian: DMatrix<f64>,
@@ -42,7 +42,8 @@ impl System {
     /// The least-squares step; `None` when the parameters are not determined ([`CONDITION_MAX`]).
     pub fn solved(&self) -> Option<Solved> {
         let lengths = column_lengths(&self.jacobian);
-        if lengths.iter().any(|length| *length == 0.0) {
+        // A matrix with a number that is none would keep the decomposition busy for ever.
+        if !lengths.iter().all(|length| *length > 0.0 && length.is_finite()) {
             return None;
         }
         let mut scaled = self.jacobian.clone();
@@ -89,8 +90,8 @@ pub(super) struct Converged<S> {
 /// Gauss–Newton with step halving: `linearise` gives the system at a state, `moved` adds a step to a state.
 ///
 /// # Errors
-/// [`CalibrateError::NotConverged`] when no part of a step helps, or after [`STEPS_MAX`]; [`CalibrateError::Undetermined`] with
-/// the names when the system is singular.
+/// [`CalibrateError::NotConverged`] when no part of a step helps, or after [`STEPS_MAX`];
+/// [`CalibrateError::Undetermined`] with the names when the system is singular.
 pub(super) fn gauss_newton<S>(
     start: S,
     names: impl Fn() -> Vec<String>,

@@ -51,8 +51,8 @@ impl PoseResidual {
     }
 }
 
-/// Measured less predicted: position (m), then the turn (rad) that takes the predicted orientation to the measured one; both in the
-/// outer frame.
+/// Measured less predicted: position (m), then the turn (rad) that takes the predicted orientation to the measured one;
+/// both in the outer frame.
 fn residual(measured: &Pose, predicted: &Pose) -> Vector6<f64> {
     let position = measured.translation - predicted.translation;
     let rotation = measured.rotation * predicted.rotation.transpose();
@@ -60,14 +60,15 @@ fn residual(measured: &Pose, predicted: &Pose) -> Vector6<f64> {
     Vector6::new(position.x, position.y, position.z, turn.x, turn.y, turn.z)
 }
 
-/// A predicted pose, and how it moves with each parameter: columns of linear velocity of its origin and angular velocity, in the
-/// tracker frame.
+/// A predicted pose, and how it moves with each parameter: columns of linear velocity of its origin and angular
+/// velocity, in the tracker frame.
 pub(super) struct Prediction {
     pub tracker_from_target: Pose,
     pub motion: Matrix6xX<f64>,
 }
 
-/// Six rows of a [`super::least_squares::System`], from `row` on: the measured pose less the predicted one, by the noise.
+/// Six rows of a [`super::least_squares::System`], from `row` on: the measured pose less the predicted one, by the
+/// noise.
 pub(super) fn fill(
     jacobian: &mut DMatrix<f64>,
     residuals: &mut DVector<f64>,
@@ -88,8 +89,8 @@ pub(super) fn fill(
     }
 }
 
-/// Inverse of SO(3)'s right Jacobian: log(exp(v)·exp(−δ)) = v − J⁻¹(v)·δ to first order. Chirikjian, "Stochastic Models, Information
-/// Theory, and Lie Groups" 2, 2012, 10.6.
+/// Inverse of SO(3)'s right Jacobian: log(exp(v)·exp(−δ)) = v − J⁻¹(v)·δ to first order. Chirikjian, "Stochastic
+/// Models, Information Theory, and Lie Groups" 2, 2012, 10.6.
 fn right_inverse(v: &Vector3<f64>) -> Matrix3<f64> {
     let angle_squared = v.norm_squared();
     let half = 0.5 * angle_squared.sqrt();
@@ -99,8 +100,8 @@ fn right_inverse(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + cross * 0.5 + cross * cross * second
 }
 
-/// A twist of a frame, as it moves `point` that is fixed to it: columns of translation along and rotation about each of the frame's
-/// axes, the frame's rotation and origin and the point given in the tracker frame.
+/// A twist of a frame, as it moves `point` that is fixed to it: columns of translation along and rotation about each of
+/// the frame's axes, the frame's rotation and origin and the point given in the tracker frame.
 pub(super) fn twist(frame: &Pose, point: &Vector3<f64>) -> Matrix6<f64> {
     let mut motion = Matrix6::zeros();
     let arm = point - frame.translation;

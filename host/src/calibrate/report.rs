@@ -107,9 +107,9 @@ pub fn target(found: &Target) -> Report {
     Report { words, json }
 }
 
-/// An arm.
-pub fn arm<const N: usize>(found: &Identified<N>) -> Report {
-    let mut words = format!("{} from {} poses\n", found.arm.name, found.residuals.len());
+/// An arm, the robot of that name.
+pub fn arm<const N: usize>(found: &Identified<N>, robot: &str) -> Report {
+    let mut words = format!("{robot} from {} poses\n", found.residuals.len());
     poses_in_words(&mut words, "before", &found.residuals_before);
     poses_in_words(&mut words, "after", &found.residuals);
     fit_in_words(&mut words, &found.fit);
@@ -136,10 +136,10 @@ pub fn arm<const N: usize>(found: &Identified<N>) -> Report {
     pose_in_words(&mut words, &found.flange_from_target, &[]);
     words += "tracker_from_base\n";
     pose_in_words(&mut words, &found.tracker_from_base, &[]);
-    Report { words, json: arm_as_json(found) }
+    Report { words, json: arm_as_json(found, robot) }
 }
 
-fn arm_as_json<const N: usize>(found: &Identified<N>) -> Value {
+fn arm_as_json<const N: usize>(found: &Identified<N>, robot: &str) -> Value {
     let row = |row: &screed_kernel::arm::Dh| {
         let alpha = row.sin_alpha.atan2(row.cos_alpha);
         json!({ "theta_rad": row.theta, "d_m": row.d, "a_m": row.a, "alpha_rad": alpha,
@@ -154,7 +154,7 @@ fn arm_as_json<const N: usize>(found: &Identified<N>) -> Value {
     let group = |group: &Group| json!({ "held": list(&group.held), "with": list(&group.with) });
     json!({
         "calibration": "arm",
-        "robot": found.arm.name,
+        "robot": robot,
         "dh": found.arm.dh.iter().map(row).collect::<Vec<_>>(),
         "changes": found.estimates.iter().map(estimate).collect::<Vec<_>>(),
         "covariance": rows(&found.covariance),

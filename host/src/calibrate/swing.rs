@@ -7,9 +7,9 @@ use screed_kernel::pose::Pose;
 /// A direction of the flange that swings less (root mean square, about rad) does not hold what lies along it: 3°.
 pub const SWING_MIN: f64 = 0.05;
 
-/// Root mean square distance of a unit vector, fixed to the flange, from its mean in the base: for the direction that swings
-/// least. It is the smallest singular value of the R − R̄, stacked, over √count. Turns about one axis leave the axis where it is,
-/// whatever their size; two axes swing every direction.
+/// Root mean square distance of a unit vector, fixed to the flange, from its mean in the base: for the direction that
+/// swings least. It is the smallest singular value of the R − R̄, stacked, over √count. Turns about one axis leave the
+/// axis where it is, whatever their size; two axes swing every direction.
 ///
 /// # Errors
 /// [`CalibrateError::NoTurn`] and [`CalibrateError::OneAxis`] below [`SWING_MIN`].

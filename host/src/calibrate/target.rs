@@ -1,16 +1,16 @@
-//! Where a tracker's target sits on the flange, and where the tracker stands: from poses of the flange that the arm knows and poses
-//! of the target that the tracker measures.
+//! Where a tracker's target sits on the flange, and where the tracker stands: from poses of the flange that the arm
+//! knows and poses of the target that the tracker measures.
 //!
-//! For each measurement base_from_flange · flange_from_target = base_from_tracker · tracker_from_target, in the literature
-//! A·X = Z·B. The start is Shah's closed form ("Solving the robot-world/hand-eye calibration problem using the Kronecker product",
-//! J. Mechanisms and Robotics 5(3), 2013): the rotations from one singular value decomposition, then the translations by linear
-//! least squares. Gauss–Newton on the tracker's residuals, by its noise, makes the best estimate of it. A·X = X·B, the motion
-//! between two measurements, has the same X and needs no Z.
+//! For each measurement base_from_flange · flange_from_target = base_from_tracker · tracker_from_target, in the
+//! literature A·X = Z·B. The start is Shah's closed form ("Solving the robot-world/hand-eye calibration problem using
+//! the Kronecker product", J. Mechanisms and Robotics 5(3), 2013): the rotations from one singular value decomposition,
+//! then the translations by linear least squares. Gauss–Newton on the tracker's residuals, by its noise, makes the best
+//! estimate of it. A·X = X·B, the motion between two measurements, has the same X and needs no Z.
 
 use super::least_squares::{System, gauss_newton};
 use super::pose_fit::{PoseResidual, Prediction, TrackerNoise, fill, twist, twisted};
 use super::{CalibrateError, Fit, swing};
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Matrix6xX, SMatrix, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Matrix6xX, SMatrix, Vector3, Vector6};
 use screed_kernel::pose::Pose;
 
 /// The fewest poses: two motions between them.
@@ -32,8 +32,8 @@ pub struct Target {
     pub flange_from_target: Pose,
     /// The arm's base as the tracker sees it.
     pub tracker_from_base: Pose,
-    /// Covariance; rows and columns are the translation (m) and the turn left to do (rad) of `flange_from_target` in the flange frame,
-    /// then those of `tracker_from_base` in the tracker frame.
+    /// Covariance; rows and columns are the translation (m) and the turn left to do (rad) of `flange_from_target` in
+    /// the flange frame, then those of `tracker_from_base` in the tracker frame.
     pub covariance: SMatrix<f64, 12, 12>,
     /// How well the poses agree with the noise given.
     pub fit: Fit,
@@ -45,11 +45,12 @@ pub struct Target {
     pub condition: f64,
 }
 
-/// Finds both frames from poses. `noise` is that of each measured pose against the arm's: where the arm's own errors are larger than
-/// the tracker's, they belong into it.
+/// Finds both frames from poses. `noise` is that of each measured pose against the arm's: where the arm's own errors
+/// are larger than the tracker's, they belong into it.
 ///
 /// # Errors
-/// [`CalibrateError`] with too few poses, numbers that are none, turns about one axis only, or poses that do not belong together.
+/// [`CalibrateError`] with too few poses, numbers that are none, turns about one axis only, or poses that do not belong
+/// together.
 pub fn calibrate(poses: &[PosePair], noise: &TrackerNoise) -> Result<Target, CalibrateError> {
     let noise = noise.checked()?;
     let found = poses.len();
@@ -134,7 +135,8 @@ impl Frames {
         self.tracker_from_base * *base_from_flange * self.flange_from_target
     }
 
-    /// How the predicted target moves with a twist of the base (in the base frame) and one of the target (in the flange frame).
+    /// How the predicted target moves with a twist of the base (in the base frame) and one of the target (in the flange
+    /// frame).
     pub fn motion(&self, base_from_flange: &Pose) -> [Matrix6<f64>; 2] {
         let tracker_from_flange = self.tracker_from_base * *base_from_flange;
         let target = tracker_from_flange.transform_point(&self.flange_from_target.translation);
@@ -177,10 +179,10 @@ impl Frames {
     }
 }
 
-/// The rotation nearest to a matrix that is one but for noise and a factor; `None` when nothing of it is a rotation.
+/// The rotation nearest to a matrix, which is one but for noise and a factor where the poses belong together.
 fn nearest_rotation(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let svd = matrix.svd(true, true);
     let (u, v_t) = (svd.u?, svd.v_t?);
-    let rotation = u * v_t;
-    (rotation.determinant() > 0.0).then_some(rotation)
+    let handed = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum()));
+    Some(u * handed * v_t)
 }

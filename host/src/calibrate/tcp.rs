@@ -1,7 +1,8 @@
 //! The tool centre point from a pivot: the tip touches one fixed point while the flange takes many poses.
 //!
-//! With R and t of each base_from_flange, x the tip in the flange and p the point in the base: R·x + t = p. Linear in x and p, so
-//! least squares has one answer, and needs no start. It gives where the tip is, not which way the tool points.
+//! With R and t of each base_from_flange, x the tip in the flange and p the point in the base: R·x + t = p. Linear in x
+//! and p, so least squares has one answer, and needs no start. It gives where the tip is, not which way the tool
+//! points.
 
 use super::least_squares::System;
 use super::{CalibrateError, Fit, swing};
@@ -30,8 +31,8 @@ pub struct Tcp {
     pub swing: f64,
 }
 
-/// Finds the tip from the flange's poses at its touches. `sigma`: standard deviation of each coordinate by which a touch misses the
-/// point (m); without it, the residuals tell.
+/// Finds the tip from the flange's poses at its touches. `sigma`: standard deviation of each coordinate by which a
+/// touch misses the point (m); without it, the residuals tell.
 ///
 /// # Errors
 /// [`CalibrateError`] with too few touches, a number that is none, or turns that leave a direction open.

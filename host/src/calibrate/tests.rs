@@ -23,7 +23,8 @@ fn the_band_is_that_of_the_tables() {
     }
 }
 
-/// Whether a mean over `runs` of sums of squares of `degrees` standard normal numbers is what chance allows in 95 of 100 cases.
+/// Whether a mean over `runs` of sums of squares of `degrees` standard normal numbers is what chance allows in 95 of
+/// 100 cases.
 fn is_chi_squared(mean: f64, degrees: usize, runs: usize) -> bool {
     (mean - degrees as f64).abs() < 1.96 * (2.0 * degrees as f64 / runs as f64).sqrt()
 }

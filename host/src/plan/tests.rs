@@ -238,6 +238,29 @@ fn random_paths_keep_the_limits_in_every_batch() {
     }
 }
 
+/// Every unit's own geometry, by iteration, keeps the contour as the nominal one does by its closed form; the nominal joints on
+/// the unit would be a millimetre off.
+#[test]
+fn a_calibrated_unit_keeps_the_contour() {
+    let path = screed_fixtures::data("kinematics/calibration_ur10e_dh_delta_1.json");
+    let file: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    let lists = ["theta", "a", "d", "alpha"].map(|key| format!("delta_{key} = {}\n", file["dh_delta"][key]));
+    let folder = tempfile::tempdir().unwrap();
+    let unit = folder.path().join("unit.conf");
+    std::fs::write(&unit, format!("[mounting]\n{}", lists.concat())).unwrap();
+    let (model, nominal) = (wall(1), Cell::demo(125).unwrap());
+    let mut cell = nominal.clone();
+    cell.robot.arm = crate::robot::calibration::load(&unit, &nominal.robot.arm).unwrap().arm;
+    let path = assert_batches(&plan(&model, &cell), &cell);
+    let worst = |cell: &Cell| {
+        let mut contour = contour::Contour::new(&model.layers[0].segments);
+        let deposits = path.iter().filter(|setpoint| setpoint.deposit);
+        deposits.map(|setpoint| contour.distance(&tool(cell, setpoint).into())).fold(0.0, f64::max)
+    };
+    assert!(worst(&cell) < 1e-9, "{:e}", worst(&cell));
+    assert!(worst(&nominal) > 2e-4, "{:e}", worst(&nominal));
+}
+
 #[test]
 fn a_brake_that_runs_into_a_curve_keeps_the_whole_acceleration() {
     // Laps of straights and half circles without a corner, at one speed: 0.13 m/s takes 0.17 m/s² in the curves, so that a

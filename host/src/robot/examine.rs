@@ -5,7 +5,7 @@ use super::description::JOINTS;
 use super::sample::Random;
 use screed_kernel::arm::Arm;
 use screed_kernel::dexterity::Dexterity;
-use screed_kernel::ik::{self, IkError};
+use screed_kernel::ik::{Answer, Family, IkError};
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
 
@@ -57,8 +57,11 @@ pub fn examine(description: &Description, count: usize, seed: u64) -> Option<Exa
 fn of<const N: usize>(description: &Description, count: usize, seed: u64) -> Option<Examination> {
     let arm = description.arm::<N>("arm")?;
     let mut random = Random::new(seed);
+    let family = Family::of(&arm);
+    // The closed form of an arm that is carried leaves what carries it where the seed has it.
+    let held = if matches!(family, Family::Wrist(_)) { N.saturating_sub(6) } else { 0 };
     let mut found = Examination {
-        family: family(&arm),
+        family: family.name(),
         count,
         seed,
         position_error: 0.0,
@@ -78,8 +81,8 @@ fn of<const N: usize>(description: &Description, count: usize, seed: u64) -> Opt
         found.place(&pose);
         singular_values.push(Dexterity::of(&jacobian).singular_value_min);
         found.jacobian_error = found.jacobian_error.max(difference(&arm, &joints));
-        let near = near(&arm, &joints, &mut random);
-        found.round_trip(&arm, &joints, &pose, &near);
+        let near = near(&arm, held, &joints, &mut random);
+        found.round_trip(family.nearest(&arm, &pose, &near), &arm, &joints, &pose);
     }
     singular_values.sort_by(f64::total_cmp);
     let at = |index: usize| singular_values.get(index).copied().unwrap_or(f64::NAN);
@@ -87,11 +90,11 @@ fn of<const N: usize>(description: &Description, count: usize, seed: u64) -> Opt
     Some(found)
 }
 
-/// A seed close by, within the ranges.
-fn near<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>, random: &mut Random) -> JointPos<N> {
+/// A seed close by, within the ranges; the first `held` joints are where the pose was taken.
+fn near<const N: usize>(arm: &Arm<N>, held: usize, joints: &JointPos<N>, random: &mut Random) -> JointPos<N> {
     let mut near = *joints;
     let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
-    for (position, (low, high)) in near.0.iter_mut().zip(limits) {
+    for (position, (low, high)) in near.0.iter_mut().zip(limits).skip(held) {
         *position = (*position + random.between(-SEED_SPREAD, SEED_SPREAD)).clamp(*low, *high);
     }
     near
@@ -107,16 +110,22 @@ impl Examination {
         self.points.push(at.into());
     }
 
-    fn round_trip<const N: usize>(&mut self, arm: &Arm<N>, joints: &JointPos<N>, pose: &Pose, seed: &JointPos<N>) {
+    fn round_trip<const N: usize>(
+        &mut self,
+        answer: Result<Answer<N>, IkError>,
+        arm: &Arm<N>,
+        joints: &JointPos<N>,
+        pose: &Pose,
+    ) {
         let mut missed = |why: String| {
             self.misses += 1;
             if self.examples.len() < EXAMPLES {
                 self.examples.push((joints.0.to_vec(), why));
             }
         };
-        match inverse(arm, pose, seed) {
+        match answer {
             Ok(answer) => {
-                let back = arm.forward(&answer);
+                let back = arm.forward(&answer.joints);
                 let apart = (back.translation - pose.translation).norm();
                 let turned = Pose { rotation: back.rotation * pose.rotation.transpose(), ..back };
                 let turn = turned.rotation_vector().norm();
@@ -151,14 +160,6 @@ fn difference<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>) -> f64 {
         worst = worst.max((jacobian.fixed_view::<3, 1>(3, joint) - angular).amax());
     }
     worst
-}
-
-fn family<const N: usize>(arm: &Arm<N>) -> &'static str {
-    if ik::ur::Geometry::of(arm).is_some() { "closed form of the UR type" } else { "no inverse" }
-}
-
-fn inverse<const N: usize>(arm: &Arm<N>, pose: &Pose, seed: &JointPos<N>) -> Result<JointPos<N>, IkError> {
-    ik::ur::nearest(arm, pose, seed).map(|answer| answer.joints)
 }
 
 /// Why there is no answer, in words.

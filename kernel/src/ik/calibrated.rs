@@ -1,5 +1,5 @@
 //! Inverse kinematics of a calibrated arm: the closed form of the nominal arm it is close to gives a start for each branch,
-//! and the damped Newton steps of [`numeric`] lead from there to the pose.
+//! and the damped Newton steps of [`super::numeric`] lead from there to the pose.
 //!
 //! Branch and margins are those of the nominal arm at the answer; so they are inexact by the calibration's tilts, and an arm
 //! within some hundredths of a singularity may have one answer where its nominal has two.

@@ -16,7 +16,7 @@
 mod corner;
 mod near;
 
-use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, turned};
+use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, turned_about};
 use crate::arm::{Arm, Dh, Joint, JointKind};
 use crate::pose::Pose;
 use crate::units::JointPos;
@@ -25,8 +25,10 @@ use nalgebra::Vector3;
 
 /// Lengths (m) within which rounding, not geometry, decides that a pose is out of reach.
 const REACH_TOLERANCE: f64 = 2e-13;
-/// sin θ₅ below which joints 4 and 6 are collinear and θ₆ is taken from the seed: the pose is missed by this at most.
-const WRIST_SINGULAR: f64 = 5e-13;
+/// sin θ₅ below which joints 4 and 6 are collinear and θ₆ is taken from the seed: the pose is missed by twice this at most.
+const WRIST_SINGULAR: f64 = 4e-13;
+/// The product of the margins from which on rounding moves joints by less than 1e-7.
+const WELL_KNOWN: f64 = 1e-6;
 /// Distance (m) from an axis below which the angle about it is free.
 const ON_AXIS: f64 = 1e-13;
 
@@ -127,6 +129,7 @@ struct Bend {
 impl Geometry {
     /// If the table has this shape: α = 90° 0 0 90° −90° 0 exactly, lengths along x in rows 2 and 3 only, every joint turning
     /// for itself. θ offsets, d in any row, a base and a flange pose may be there.
+    #[inline(always)]
     pub fn of<const N: usize>(arm: &Arm<N>) -> Option<Self> {
         let rows: &[Dh; 6] = arm.dh.as_slice().try_into().ok()?;
         let [r1, r2, r3, r4, r5, r6] = rows;
@@ -185,8 +188,12 @@ impl Geometry {
         let guess = self.guess(arm, &target, seed);
         if let Some((answer, far)) = &guess {
             // Two branches differ by 2·atan2(h, D), 2·θ₃ or 2·θ₅ in a joint, none less than twice its sine: the nearest
-            // singularity's margin is less than half the way to any other branch. (Half of it, for rounding.)
-            if answer.margins.is_some_and(|margins| *far <= 0.5 * margins.nearest().1) {
+            // singularity's margin is less than half the way to any other branch. Rounding is kept below a tenth of it.
+            let alone = |margins: Margins| {
+                let Margins { shoulder, elbow, wrist } = margins;
+                *far <= 0.9 * margins.nearest().1 && shoulder * elbow * wrist >= WELL_KNOWN
+            };
+            if answer.margins.is_some_and(alone) {
                 return Ok(*answer);
             }
         }
@@ -202,6 +209,7 @@ impl Geometry {
         best.ok_or(missed.error())
     }
 
+    #[inline(always)]
     fn target(&self, base_from_flange: &Pose) -> Target {
         let mut pose = *base_from_flange;
         if let Some(zero_from_base) = &self.zero_from_base {
@@ -217,6 +225,7 @@ impl Geometry {
     }
 
     /// The branch on whose sides the seed is, and how far it is from the seed; `None` if it has no answer.
+    #[inline(always)]
     fn guess<const N: usize>(&self, arm: &Arm<N>, target: &Target, seed: &JointPos<N>) -> Option<(Answer<N>, f64)> {
         let table = self.table(seed);
         let (s1, c1) = libm::sincos(table[0]);
@@ -231,6 +240,7 @@ impl Geometry {
     }
 
     /// Adds every branch's answer to those found; returns what was missed.
+    #[inline(never)]
     fn all<const N: usize>(
         &self,
         arm: &Arm<N>,
@@ -274,6 +284,7 @@ impl Geometry {
     }
 
     /// The angles of the table for joint positions.
+    #[inline(always)]
     fn table<const N: usize>(&self, joints: &JointPos<N>) -> [f64; 6] {
         let mut table = self.offsets;
         for (angle, position) in table.iter_mut().zip(&joints.0) {
@@ -283,6 +294,7 @@ impl Geometry {
     }
 
     /// The size of h, or by how much (m) w is too near to axis 1.
+    #[inline(always)]
     fn along(&self, target: &Target) -> Result<f64, f64> {
         let squared = target.squared - self.across * self.across;
         if squared >= 0.0 {
@@ -297,6 +309,7 @@ impl Geometry {
         }
     }
 
+    #[inline(always)]
     fn plane(&self, target: &Target, along: f64, seed: f64) -> Plane {
         let (wx, wy, squared) = (target.wrist.x, target.wrist.y, target.squared);
         let free = squared < ON_AXIS * ON_AXIS;
@@ -328,6 +341,7 @@ impl Geometry {
     }
 
     /// Or by how much (m) the planar arm of joints 2 and 3 does not reach.
+    #[inline(always)]
     fn bend_to(&self, target: &Target, plane: &Plane, hand: &Hand) -> Result<Bend, f64> {
         let (px, py) = self.goal(target, plane, hand);
         let (upper, fore) = (libm::fabs(self.a2), libm::fabs(self.a3));
@@ -358,6 +372,7 @@ impl Geometry {
         })
     }
 
+    #[inline(always)]
     fn answer<const N: usize>(
         &self,
         arm: &Arm<N>,
@@ -379,13 +394,14 @@ impl Geometry {
             (false, false) => None,
         };
         let margins = Margins { shoulder: plane.margin, elbow: bend.margin, wrist: hand.margin };
-        let joints = turned(arm, &joints, seed)?;
+        let joints = turned_about(arm, &joints, seed)?;
         Ok(Answer { joints, branch: Some(branch), margins: Some(margins), free })
     }
 }
 
 impl Plane {
     /// For sin θ₅ > 0.
+    #[inline(always)]
     fn hand(&self, target: &Target, seed: f64) -> Hand {
         let margin = libm::sqrt(self.nx * self.nx + self.ny * self.ny);
         let free = margin < WRIST_SINGULAR;
@@ -394,6 +410,7 @@ impl Plane {
         self.hand_with(target, (s6, c6, theta6), margin, free)
     }
 
+    #[inline(always)]
     fn hand_with(&self, target: &Target, (s6, c6, theta6): (f64, f64, f64), margin: f64, free: bool) -> Hand {
         let (sine, cosine) = (-(self.ux * s6 + self.uy * c6), target.x.z * s6 + target.y.z * c6);
         // With θ₆ given, what is seen of sin θ₅; less is lost than with its size.
@@ -406,6 +423,7 @@ impl Plane {
 impl Hand {
     /// The same flange axes with sin θ₅ of the other sign: half a turn before and after. Where joint 6 is free it stays, and
     /// sin θ₅ is zero if it would be of the wrong sign.
+    #[inline(always)]
     fn on(&self, side: Side) -> Self {
         let opposite = |angle: f64| if angle > 0.0 { angle - PI } else { angle + PI };
         match (side, self.free) {

@@ -13,7 +13,7 @@
 //! share of the stretched arm. Elbow and wrist: those two sines. A margin below [`FREE`] leaves a joint free: θ₁, θ₄, and θ₂
 //! where upper arm and forearm are of one length and the wrist's centre comes to axis 2.
 
-use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, turned};
+use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, on_limit, turn};
 use crate::arm::{Arm, JointKind};
 use crate::pose::Pose;
 use crate::units::JointPos;
@@ -152,6 +152,7 @@ impl Geometry {
         seed: &JointPos<N>,
     ) -> Result<Branches<N>, IkError> {
         check(base_from_flange, seed)?;
+        held(arm, seed)?;
         self.all(arm, &Goal::new(self, arm, base_from_flange, seed), seed)
     }
 
@@ -166,6 +167,7 @@ impl Geometry {
         seed: &JointPos<N>,
     ) -> Result<Answer<N>, IkError> {
         check(base_from_flange, seed)?;
+        held(arm, seed)?;
         let goal = Goal::new(self, arm, base_from_flange, seed);
         let guess = self.guess(arm, &goal, seed);
         if let Some((answer, far, apart)) = &guess
@@ -193,13 +195,24 @@ impl Geometry {
                     continue;
                 }
             };
+            let mut joints = *seed;
+            if let Err(beyond) = self.place(arm, seed, &mut joints, 0, [shoulder.theta1]) {
+                missed.limit(beyond);
+                continue;
+            }
             let across = Across::new(self, goal, &shoulder);
             for side in [Side::Plus, Side::Minus] {
                 let elbow = self.elbow(goal, &bend, side);
+                let mut joints = joints;
+                if let Err(beyond) = self.place(arm, seed, &mut joints, 1, [elbow.theta2, elbow.theta3]) {
+                    missed.limit(beyond);
+                    continue;
+                }
                 let wrist = self.wrist(goal, &across, &elbow);
                 for wrist in [wrist, wrist.flipped()] {
-                    match self.answer(arm, seed, &shoulder, &elbow, &wrist) {
-                        Ok(answer) => found.push(answer),
+                    let mut joints = joints;
+                    match self.place(arm, seed, &mut joints, 3, [wrist.theta4, wrist.theta5, wrist.theta6]) {
+                        Ok(()) => found.push(answer(joints, &shoulder, &elbow, &wrist)),
                         Err(beyond) => missed.limit(beyond),
                     }
                 }
@@ -225,7 +238,10 @@ impl Geometry {
         if side(seed5) == Side::Minus {
             wrist = wrist.flipped();
         }
-        let answer = self.answer(arm, seed, &shoulder, &elbow, &wrist).ok()?;
+        let angles = [shoulder.theta1, elbow.theta2, elbow.theta3, wrist.theta4, wrist.theta5, wrist.theta6];
+        let mut joints = *seed;
+        self.place(arm, seed, &mut joints, 0, angles).ok()?;
+        let answer = answer(joints, &shoulder, &elbow, &wrist);
         let apart = self.share * shoulder.apart.min(elbow.margin).min(wrist.margin);
         Some((answer, distance(&answer.joints, seed), apart))
     }
@@ -354,52 +370,59 @@ impl Geometry {
         }
     }
 
-    /// The joints that give the last six links their angles; the others are the seed's.
-    fn joints<const N: usize>(&self, arm: &Arm<N>, angles: [f64; 6], seed: &JointPos<N>) -> JointPos<N> {
-        let mut joints = *seed;
-        if let Some((_, own)) = joints.0.split_last_chunk_mut::<6>() {
-            for (position, (angle, offset)) in own.iter_mut().zip(angles.iter().zip(&self.offsets)) {
-                *position = angle - offset;
-            }
-        }
-        if self.coupled {
-            for joint in N.wrapping_sub(6)..N {
-                let coupled = coupled(arm, joint, &joints);
-                if let Some(position) = joints.0.get_mut(joint) {
-                    *position -= coupled;
-                }
-            }
-        }
-        joints
-    }
-
-    /// The branch's joints inside the limits.
-    fn answer<const N: usize>(
+    /// Gives some of the last six links their angles, from one on, by joints inside their limits and nearest to the seed.
+    /// The joints before them are in place.
+    #[inline]
+    fn place<const N: usize, const COUNT: usize>(
         &self,
         arm: &Arm<N>,
         seed: &JointPos<N>,
-        shoulder: &Shoulder,
-        elbow: &Elbow,
-        wrist: &Wrist,
-    ) -> Result<Answer<N>, Beyond> {
-        let angles = [shoulder.theta1, elbow.theta2, elbow.theta3, wrist.theta4, wrist.theta5, wrist.theta6];
-        let first = N.wrapping_sub(6);
-        let free = if shoulder.free {
-            Some(first)
-        } else if elbow.free {
-            Some(first.wrapping_add(1))
-        } else if wrist.free {
-            Some(first.wrapping_add(3))
-        } else {
-            None
-        };
-        Ok(Answer {
-            joints: turned(arm, &self.joints(arm, angles, seed), seed)?,
-            branch: Some(Branch { shoulder: shoulder.side, elbow: elbow.side, wrist: wrist.side }),
-            margins: Some(Margins { shoulder: shoulder.margin, elbow: elbow.margin, wrist: wrist.margin }),
-            free,
-        })
+        joints: &mut JointPos<N>,
+        from: usize,
+        angles: [f64; COUNT],
+    ) -> Result<(), Beyond> {
+        let first = N.wrapping_sub(6).wrapping_add(from);
+        for ((joint, angle), offset) in (first..N).zip(angles).zip(self.offsets.iter().skip(from)) {
+            let coupled = if self.coupled { coupled(arm, joint, joints) } else { 0.0 };
+            let limits = (arm.position_min.0.get(joint), arm.position_max.0.get(joint));
+            let ((Some(low), Some(high)), Some(near)) = (limits, seed.0.get(joint)) else { continue };
+            let position = turn(JointKind::Revolute, angle - offset - coupled, *near, *low, *high)
+                .map_err(|(position, by)| Beyond { joint, position, by })?;
+            if let Some(slot) = joints.0.get_mut(joint) {
+                *slot = position;
+            }
+        }
+        Ok(())
     }
+}
+
+/// The answer of a branch whose joints are in place.
+fn answer<const N: usize>(joints: JointPos<N>, shoulder: &Shoulder, elbow: &Elbow, wrist: &Wrist) -> Answer<N> {
+    let first = N.wrapping_sub(6);
+    let free = if shoulder.free {
+        Some(first)
+    } else if elbow.free {
+        Some(first.wrapping_add(1))
+    } else if wrist.free {
+        Some(first.wrapping_add(3))
+    } else {
+        None
+    };
+    Answer {
+        joints,
+        branch: Some(Branch { shoulder: shoulder.side, elbow: elbow.side, wrist: wrist.side }),
+        margins: Some(Margins { shoulder: shoulder.margin, elbow: elbow.margin, wrist: wrist.margin }),
+        free,
+    }
+}
+
+/// The joints that carry the arm, where the seed has them; or one of them is beyond its limits.
+fn held<const N: usize>(arm: &Arm<N>, seed: &JointPos<N>) -> Result<(), IkError> {
+    let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
+    for ((joint, position), (low, high)) in (0..N.wrapping_sub(6)).zip(&seed.0).zip(limits) {
+        on_limit(*position, *low, *high).map_err(|(position, _)| IkError::Limit { joint, position })?;
+    }
+    Ok(())
 }
 
 /// The wrist's centre and the orientation of frame 6 before its joint turns, in frame 0 of the arm; and the seed.

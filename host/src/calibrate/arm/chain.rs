@@ -1,4 +1,5 @@
-//! The chain from tracker to target with every small change that a calibration may find, and how its end moves with each.
+//! The chain from tracker to target with every small change that a calibration may find, and how its end moves with
+//! each.
 
 use super::parameter::{Change, Parameter};
 use crate::calibrate::pose_fit::Prediction;

@@ -39,9 +39,9 @@ pub enum Change {
     D,
     /// Shift along x (m).
     A,
-    /// Turn about y, between the shift along x and the turn about it (rad). A standard row has none; where the axes of a joint and of
-    /// the next are parallel, no small change of the other four stands for it (Hayati, Mirmirani, "Improving the absolute positioning
-    /// accuracy of robot manipulators", J. Robotic Systems 2(4), 1985).
+    /// Turn about y, between the shift along x and the turn about it (rad). A standard row has none; where the axes of
+    /// a joint and of the next are parallel, no small change of the other four stands for it (Hayati, Mirmirani,
+    /// "Improving the absolute positioning accuracy of robot manipulators", J. Robotic Systems 2(4), 1985).
     Tilt,
     /// Turn about x (rad).
     Alpha,

@@ -72,7 +72,8 @@ struct PoseEntry {
 }
 
 impl TcpFile {
-    /// base_from_flange of each touch, and the standard deviation of a coordinate where it is given (m). `arm` is the file's robot.
+    /// base_from_flange of each touch, and the standard deviation of a coordinate where it is given (m). `arm` is the
+    /// file's robot.
     ///
     /// # Errors
     /// [`FileError::Value`].
@@ -176,14 +177,14 @@ impl<T> Where<'_, T> {
             false => (self.joints_deg, "joints_deg", self.joints_deg_mm),
         };
         let Some(value) = value.as_ref().filter(|_| wrong.is_none()) else {
-            let expected = format!("{key} of {}", arm.name);
+            let expected = format!("{key} of the robot");
             let found = if wrong.is_some() { "the other key" } else { "none" };
             let remedy =
                 "joints_deg_mm is for robots with slides: degrees where a joint turns, millimetres where it slides";
             return Err(source.refuse(self.entry, "this measurement", expected, found, remedy));
         };
         let Ok(numbers) = <[f64; N]>::try_from(value.get_ref().as_slice()) else {
-            let (expected, found) = (format!("{N} numbers for {}", arm.name), value.get_ref().len().to_string());
+            let (expected, found) = (format!("{N} numbers for the robot"), value.get_ref().len().to_string());
             return Err(source.refuse(value, key, expected, found, "give a number for each joint, the base's first"));
         };
         let mut joints = JointPos(numbers);

@@ -3,14 +3,16 @@
 use super::is_chi_squared;
 use super::random::{measured, normal, pose};
 use super::target::TRACKER;
-use crate::calibrate::arm::chain::Chain;
+use crate::calibrate::arm::chain::{Chain, turned};
 use crate::calibrate::arm::{ArmMeasurement, Identified, Parameter, identify, parameters, system, table};
 use crate::calibrate::pose_fit::TrackerNoise;
 use crate::calibrate::target::{Frames, PosePair, calibrate};
 use crate::calibrate::{CalibrateError, report};
 use nalgebra::{DVector, Vector3};
 use screed_kernel::arm::{Arm, Coupling, Dh, Joint, Rating};
+use screed_kernel::arms::comau::NJ130;
 use screed_kernel::arms::ur::UR10E;
+use screed_kernel::ik;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
 use screed_tape::random::Random;
@@ -19,7 +21,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 /// Poses that are measured for a calibration.
 const POSES: usize = 60;
 /// Standard deviations of the errors planted in each row.
-const PLANTED: [f64; 2] = [1e-4, 1e-4]; // m, rad
+const PLANTED: [f64; 2] = [1.1e-4, 1.1e-4]; // m, rad
 
 fn arm<const N: usize>(dh: [Dh; N], joints: [Joint; N]) -> Arm<N> {
     Arm {
@@ -40,21 +42,6 @@ fn row(theta: f64, d: f64, a: f64, sin_alpha: f64) -> Dh {
     Dh { theta, d, a, sin_alpha, cos_alpha: 1.0 - sin_alpha.abs() }
 }
 
-/// An arm with the lengths and the parallelogram of a Comau NJ130-2.6.
-fn nj130() -> Arm<6> {
-    let mut joints = [Joint::REVOLUTE; 6];
-    joints[2].coupling = Some(Coupling { joint: 1, factor: -1.0 });
-    let rows = [
-        row(0.0, 0.83, 0.35, -1.0),
-        row(-FRAC_PI_2, 0.0, 1.16, 0.0),
-        row(FRAC_PI_2, 0.0, -0.25, 1.0),
-        row(0.0, 1.10558, 0.0, -1.0),
-        row(0.0, 0.0, 0.0, 1.0),
-        row(0.0, 0.165, 0.0, 0.0),
-    ];
-    arm(rows, joints)
-}
-
 /// Three slides at right angles, a spherical wrist below.
 fn gantry() -> Arm<6> {
     let rows = [
@@ -69,8 +56,8 @@ fn gantry() -> Arm<6> {
     arm(rows, [slide, slide, slide, turn, turn, turn])
 }
 
-/// Without a right angle or zero, its second joint slides, its third row is nearly parallel, its last joint is coupled; between
-/// shifted frames.
+/// Without a right angle or zero, its second joint slides, its third row is nearly parallel, its last joint is coupled;
+/// between shifted frames.
 fn crooked<const N: usize>() -> Arm<N> {
     let row = |k: usize| {
         let (sin_alpha, cos_alpha) = libm::sincos(if k == 2 { 0.05 } else { 0.3 + k as f64 });
@@ -87,8 +74,13 @@ fn crooked<const N: usize>() -> Arm<N> {
     }
 }
 
-fn joints<const N: usize>(random: &mut Random) -> JointPos<N> {
-    JointPos(std::array::from_fn(|_| random.between(-1.5, 1.5)))
+/// Within the arm's limits and ±1.5 rad or m of their middle, or of zero.
+fn joints<const N: usize>(random: &mut Random, arm: &Arm<N>) -> JointPos<N> {
+    JointPos(std::array::from_fn(|joint| {
+        let (low, high) = (arm.position_min.0[joint], arm.position_max.0[joint]);
+        let middle = if low.is_finite() && high.is_finite() { 0.5 * (low + high) } else { 0.0 };
+        random.between(low.max(middle - 1.5), high.min(middle + 1.5))
+    }))
 }
 
 /// The arm with errors in every row, the target at arm's length from its flange, the tracker some metres off.
@@ -117,7 +109,7 @@ fn measurements<const N: usize>(
     noise: Option<&TrackerNoise>,
 ) -> Vec<ArmMeasurement<N>> {
     let one = |_| {
-        let joints = joints(random);
+        let joints = joints(random, &truth.nominal);
         let target = target(truth, &joints);
         let tracker_from_target = noise.map_or(target, |noise| measured(random, &target, noise));
         ArmMeasurement { joints, tracker_from_target }
@@ -146,7 +138,7 @@ fn tip_errors<const N: usize>(
     let tip_in_target = Vector3::new(0.2, -0.1, 0.2);
     let mut errors = TipErrors { rms: 0.0, largest: 0.0, target_rms: 0.0 };
     for _ in 0..200 {
-        let joints = joints(random);
+        let joints = joints(random, arm);
         let found = *tracker_from_base * arm.forward(&joints) * *flange_from_target;
         let real = target(truth, &joints);
         let miss = found.transform_point(&tip_in_target) - real.transform_point(&tip_in_target);
@@ -191,26 +183,40 @@ fn jacobian_is_differences<const N: usize>(random: &mut Random, arm: &Arm<N>) {
 fn the_jacobian_is_that_of_finite_differences() {
     let mut random = Random(31);
     jacobian_is_differences(&mut random, &UR10E);
-    jacobian_is_differences(&mut random, &nj130());
+    jacobian_is_differences(&mut random, &NJ130);
     jacobian_is_differences(&mut random, &gantry());
     jacobian_is_differences(&mut random, &crooked::<4>());
     jacobian_is_differences(&mut random, &crooked::<9>());
 }
 
+/// How far (m, and in the elements of the rotation) a table may be from its chain because axes count as parallel.
+fn left_out<const N: usize>(chain: &Chain<N>) -> f64 {
+    let parallel = chain.nominal.dh.iter().zip(&chain.changes).filter(|(row, change)| {
+        let (sine, _) = turned(row, change.alpha);
+        change.tilt != 0.0 && sine.hypot(change.tilt) < table::PARALLEL
+    });
+    parallel.count() as f64 * 2.0 * table::PARALLEL
+}
+
 /// The changed arm as a table takes the flange where the chain takes it.
 fn table_is_the_chain<const N: usize>(random: &mut Random, arm: &Arm<N>) {
-    for size in [1e-1, 1e-3, 1e-5] {
+    for size in [1e-1, 1e-3, 1e-5, 1e-7, 1e-8, 1e-9, 1e-15] {
         for _ in 0..50 {
             let chain = planted(random, arm, [size, size]);
             let table = table::standard(arm, &chain.changes);
             // A row whose normal is far away has its digits spent on the distance.
             let far = table.dh.iter().fold(1.0, |far: f64, row| far.max(row.d.abs()));
+            assert!(far < 3e6, "{far}");
+            let left_out = left_out(&chain);
             for _ in 0..50 {
-                let joints = joints(random);
+                let joints = joints(random, arm);
                 let (found, expected) = (table.forward(&joints), chain.base_from_flange(&joints));
                 let miss = (found.translation - expected.translation).amax();
                 let turn = (found.rotation - expected.rotation).amax();
-                assert!(miss < 4e-15 * far && turn < 1e-14, "{miss:e} m, {turn:e} with d up to {far:e} m");
+                assert!(
+                    miss < 4e-15 * far + left_out && turn < 1e-14 + left_out,
+                    "{miss:e} m, {turn:e} with d up to {far:e} m"
+                );
             }
         }
     }
@@ -220,7 +226,7 @@ fn table_is_the_chain<const N: usize>(random: &mut Random, arm: &Arm<N>) {
 fn a_table_without_tilts_says_the_same() {
     let mut random = Random(32);
     table_is_the_chain(&mut random, &UR10E);
-    table_is_the_chain(&mut random, &nj130());
+    table_is_the_chain(&mut random, &NJ130);
     table_is_the_chain(&mut random, &gantry());
     table_is_the_chain(&mut random, &crooked::<6>());
     let unchanged = Chain::nominal(&UR10E, planted(&mut random, &UR10E, [0.0; 2]).frames);
@@ -236,7 +242,7 @@ fn names(found: &Identified<6>) -> Vec<String> {
 fn what_cannot_be_told_apart_is_named() {
     let mut random = Random(33);
     let ends = ["theta6: target rz", "d6: target z", "a6: target x", "alpha6: target rx"];
-    for (arm, parallel) in [(nj130(), "d3: d2"), (UR10E, "d3 d4: d2")] {
+    for (arm, parallel) in [(NJ130, "d3: d2"), (UR10E, "d3 d4: d2")] {
         let truth = planted(&mut random, &arm, PLANTED);
         let set = measurements(&mut random, &truth, POSES, Some(&TRACKER));
         let found = identify(&arm, &set, &TRACKER).expect("an arm");
@@ -245,7 +251,7 @@ fn what_cannot_be_told_apart_is_named() {
         // A chain of six turning joints between two free frames has 30 numbers, 12 of them the frames'.
         assert_eq!((found.estimates.len(), found.fit.degrees), (18, 6 * POSES - 30));
         assert!(found.condition < 100.0, "{}", found.condition);
-        let words = report::arm(&found).words;
+        let words = report::arm(&found, "an arm").words;
         assert!(
             words.contains("\n  theta1 and base rz: theta1 held as it was\n") && words.contains("condition"),
             "{words}"
@@ -253,7 +259,7 @@ fn what_cannot_be_told_apart_is_named() {
 
         // Joint 5 is never moved: rows 4 and 5 are one link, a chain of five.
         let one = |_| {
-            let mut joints = joints(&mut random);
+            let mut joints = joints(&mut random, &arm);
             joints.0[4] = 0.7;
             ArmMeasurement { joints, tracker_from_target: target(&truth, &joints) }
         };
@@ -266,21 +272,22 @@ fn what_cannot_be_told_apart_is_named() {
 }
 
 fn exact_measurements_lead_back<const N: usize>(random: &mut Random, arm: &Arm<N>) {
-    for size in [1e-5, 1e-3, 1e-2] {
+    for size in [0.0, 1e-8, 1e-5, 1e-3, 1e-2] {
         let truth = planted(random, arm, [size, size]);
         let set = measurements(random, &truth, POSES, None);
         let found = identify(arm, &set, &TRACKER).expect("an arm");
         let largest = found.residuals.iter().fold(0.0, |most: f64, residual| most.max(residual.position_m));
         let tip = tip_errors_of(random, &truth, &found).largest;
         let far = found.arm.dh.iter().fold(1.0, |far: f64, row| far.max(row.d.abs()));
-        assert!(largest < 1e-14 && tip < 1e-14 * far, "{size}: {largest:e}, {tip:e} with d up to {far:e} m");
+        let left_out = left_out(&truth);
+        assert!(largest < 1e-14 && tip < 1e-14 * far + left_out, "{size}: {largest:e}, {tip:e} with d up to {far:e} m");
     }
 }
 
 #[test]
 fn exact_measurements_give_the_arm_to_rounding() {
     let mut random = Random(34);
-    exact_measurements_lead_back(&mut random, &nj130());
+    exact_measurements_lead_back(&mut random, &NJ130);
     exact_measurements_lead_back(&mut random, &UR10E);
     exact_measurements_lead_back(&mut random, &gantry());
     exact_measurements_lead_back(&mut random, &crooked::<7>());
@@ -291,14 +298,14 @@ fn exact_measurements_give_the_arm_to_rounding() {
     exact_measurements_lead_back::<9>(&mut random, &arm(rows, joints));
 }
 
-/// The aim of all this: tool errors of 0.3 mm, 60 poses with the published noise of the tracker, less than 0.05 mm left at other
-/// poses. With half the maximum permissible error as standard deviation, and with all of it.
+/// The aim of all this: tool errors of 0.3 mm, 60 poses with the published noise of the tracker, less than 0.05 mm left
+/// at other poses. With half the maximum permissible error as standard deviation, and with all of it.
 #[test]
 fn planted_errors_of_0_3_mm_leave_less_than_0_05_mm() {
     const RUNS: u64 = 25;
     let worst_case = TrackerNoise { position: 15e-6, position_per_metre: 6e-6, ..TRACKER };
     for (first_seed, arm, noise) in
-        [(100, nj130(), TRACKER), (200, UR10E, TRACKER), (100, nj130(), worst_case), (200, UR10E, worst_case)]
+        [(100, NJ130, TRACKER), (200, UR10E, TRACKER), (100, NJ130, worst_case), (200, UR10E, worst_case)]
     {
         let (mut before_mean, mut expected) = (0.0, 0.0);
         for seed in first_seed..first_seed + RUNS {
@@ -324,12 +331,12 @@ fn planted_errors_of_0_3_mm_leave_less_than_0_05_mm() {
     }
 }
 
-/// Normalised squared errors of the estimates against χ². The truth is what the same poses give without noise: where rows cannot be
-/// told apart, the errors planted show in those that are sought.
+/// Normalised squared errors of the estimates against χ². The truth is what the same poses give without noise: where
+/// rows cannot be told apart, the errors planted show in those that are sought.
 #[test]
 fn planted_errors_come_back_within_their_covariance() {
     const RUNS: usize = 100;
-    for (first_seed, arm) in [(300, nj130()), (500, UR10E)] {
+    for (first_seed, arm) in [(300, NJ130), (500, UR10E)] {
         let (mut squared, mut chi_squared, mut inside, mut degrees) = (0.0, 0.0, 0, 0);
         for seed in first_seed..first_seed + RUNS as u64 {
             let mut random = Random(seed);
@@ -374,10 +381,30 @@ fn an_arm_that_was_calibrated_before_can_be_again() {
     assert!(after.rms < 5e-5, "{after:?}");
 }
 
+/// What was found is an arm that can be planned with, also when its axes are nearly parallel and their normals far away.
+#[test]
+fn a_calibrated_arm_has_an_inverse() {
+    let nominal = ik::ur::Geometry::of(&UR10E).expect("the shape of a UR");
+    for (seed, size) in (600..640).zip([1e-4, 1e-5, 1e-6, 1e-7].into_iter().cycle()) {
+        let mut random = Random(seed);
+        let truth = planted(&mut random, &UR10E, [size, size]);
+        let set = measurements(&mut random, &truth, POSES, None);
+        let found = identify(&UR10E, &set, &TRACKER).expect("an arm");
+        for _ in 0..100 {
+            let joints = joints(&mut random, &UR10E);
+            let pose = found.arm.forward(&joints);
+            let beside = JointPos(joints.0.map(|position| position + 0.05));
+            let answer = ik::calibrated::nearest(&nominal, &found.arm, &pose, &beside).expect("it was there");
+            let back = found.arm.forward(&answer.joints);
+            assert!((back.translation - pose.translation).norm() < 1e-10, "seed {seed}");
+        }
+    }
+}
+
 #[test]
 fn measurements_that_cannot_be_used_are_refused() {
     let mut random = Random(36);
-    let arm = nj130();
+    let arm = NJ130;
     let truth = planted(&mut random, &arm, PLANTED);
     let mut set = measurements(&mut random, &truth, POSES, Some(&TRACKER));
     let few = identify(&arm, &set[..6], &TRACKER);

@@ -42,7 +42,7 @@ fn run_arm(text: &str) -> Result<arm::Identified<6>, Failure> {
     let source = Source::new("arm.toml", text);
     let file: TrackerFile = source.parse()?;
     let found = arm::identify(&UR10E, &file.measurements(&source, &UR10E)?, &file.noise(&source)?)?;
-    assert!(!report::arm(&found).words.is_empty());
+    assert!(!report::arm(&found, "ur10e").words.is_empty());
     Ok(found)
 }
 
@@ -92,16 +92,16 @@ fn what_is_wrong_with_a_file_is_told_with_its_place_and_a_remedy() {
         (told(run_target(&spoilt(target, "rotation_deg = 0.01", "rotation_deg = 0"))), "rotation_deg: expected more"),
         (told(run_target(&spoilt(target, "per_m = 3", "per_m = -3"))), "position_um_per_m: expected a number from 0"),
         (told(run_target(&spoilt(target, "position_um = 7.5\n", ""))), "missing field `position_um`"),
-        (told(run_arm(target)), "this measurement: expected joints_deg of ur10e, found none"),
+        (told(run_arm(target)), "this measurement: expected joints_deg of the robot, found none"),
     ];
     for (told, expected) in cases {
         assert!(told.contains(expected) && told.contains("remedy: ") && told.contains("--> "), "{expected}: {told}");
     }
     let joints = |joints: &str| format!("[[touch]]\n{joints}\n");
     for (text, expected) in [
-        (joints("joints_deg = [0, 0, 0, 0, 0]"), "6 numbers for ur10e, found 5"),
+        (joints("joints_deg = [0, 0, 0, 0, 0]"), "6 numbers for the robot, found 5"),
         (joints("joints_deg = [0, 0, 0, 0, 0, inf]"), "numbers from -10000 to 10000, found inf"),
-        (joints("joints_deg_mm = [0, 0, 0, 0, 0, 0]"), "joints_deg of ur10e, found the other key"),
+        (joints("joints_deg_mm = [0, 0, 0, 0, 0, 0]"), "joints_deg of the robot, found the other key"),
         (joints(""), "joints or flange, found neither"),
     ] {
         let told = told(run_tcp(&text));

@@ -6,7 +6,8 @@ use screed_kernel::pose::Pose;
 use screed_tape::random::Random;
 use std::f64::consts::PI;
 
-/// A number of the standard normal distribution (Box, Muller, "A note on the generation of random normal deviates", 1958).
+/// A number of the standard normal distribution (Box, Muller, "A note on the generation of random normal deviates",
+/// 1958).
 pub fn normal(random: &mut Random) -> f64 {
     let radius = (-2.0 * random.between(f64::MIN_POSITIVE, 1.0).ln()).sqrt();
     radius * random.between(0.0, 2.0 * PI).cos()

@@ -1,0 +1,35 @@
+//! The arms that are compared.
+
+use crate::record::Record;
+use screed_kernel::arm::Arm;
+use screed_kernel::arms::{abb, comau, kuka, ur};
+use screed_kernel::ik::{Answer, Branches, Family};
+use screed_kernel::units::JointPos;
+
+/// An arm of ours.
+pub struct Ours {
+    /// With limits that leave out no branch, as the peers have none.
+    pub arm: Arm<6>,
+    /// Found once for an arm, as the peers do.
+    family: Family,
+}
+
+impl Ours {
+    /// The arm of that name, if it is compared with anyone.
+    pub fn named(name: &str) -> Option<Self> {
+        let arms = [ur::UR10E, kuka::KR120_R2500, kuka::KR210_R2700, abb::IRB140, abb::IRB6700_200, comau::NJ130];
+        let arm = arms.into_iter().find(|arm| arm.name == name)?;
+        let (low, high) = (JointPos([f64::NEG_INFINITY; 6]), JointPos([f64::INFINITY; 6]));
+        Some(Self { arm: Arm { position_min: low, position_max: high, ..arm }, family: Family::of(&arm) })
+    }
+
+    /// All branches.
+    pub fn all(&self, input: &Record) -> Option<Branches<6>> {
+        self.family.inverse(&self.arm, &input.base_from_flange, &input.seed).ok()
+    }
+
+    /// The branch nearest to the seed.
+    pub fn nearest(&self, input: &Record) -> Option<Answer<6>> {
+        self.family.nearest(&self.arm, &input.base_from_flange, &input.seed).ok()
+    }
+}
