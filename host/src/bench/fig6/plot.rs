@@ -34,7 +34,7 @@ pub fn svg(case: &Case, seed: u64, samples: &[Sample]) -> String {
     line(&mut out, &height, &shown, COLOURS[2], |sample| sample.smoothed.translation.z);
     let off = |sample: &Sample, pose: &Pose| error(&sample.truth, pose)[0];
     let distance = Axes { page: [90.0, 590.0, 1110.0, 220.0], x: [0.0, end], y: [0.0, 0.3] };
-    distance.draw(&mut out, "time, s", "error, m");
+    distance.draw(&mut out, "time, s", "error up to 0.3 m, m");
     dots(&mut out, &distance, &shown, |sample| sample.raw.map(|pose| off(sample, &pose)).filter(|off| *off < 0.3));
     line(&mut out, &distance, &shown, COLOURS[1], |sample| off(sample, &sample.filtered).min(0.3));
     line(&mut out, &distance, &shown, COLOURS[2], |sample| off(sample, &sample.smoothed).min(0.3));
