@@ -1,6 +1,7 @@
 //! The command line: raw arguments, then checked ones, then one match.
 
 pub mod args;
+mod bench;
 mod calibrate;
 mod check;
 mod demo;
@@ -15,7 +16,9 @@ use crate::failure::{Exit, Failure};
 use crate::model::fim::{self, FimModel};
 use crate::run::children::VERSION;
 use crate::run::rt::{self, RtArgs};
-use args::{CalibrateCommand, CheckArgs, DemoArgs, LogArgs, PlanArgs, PrintArgs, RobotCommand, SimCommand};
+use args::{
+    BenchCommand, CalibrateCommand, CheckArgs, DemoArgs, LogArgs, PlanArgs, PrintArgs, RobotCommand, SimCommand,
+};
 use clap::{Parser, Subcommand};
 use std::io::{ErrorKind, Write};
 use std::path::Path;
@@ -47,6 +50,9 @@ enum Command {
     Calibrate(CalibrateCommand),
     /// Read a cycle log
     Log(LogArgs),
+    /// Do a published experiment again
+    #[command(subcommand)]
+    Bench(BenchCommand),
     /// Name robots, show one, or prove a description of one
     #[command(subcommand)]
     Robot(RobotCommand),
@@ -84,6 +90,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Calibrate(command) => calibrate::run(command),
         Command::Log(args) => log::run(args),
         Command::Robot(command) => robot::run(command),
+        Command::Bench(command) => bench::run(command),
         Command::Sim(SimCommand::Ur(args)) => sim::ur(args),
         Command::Sim(SimCommand::Extruder(args)) => sim::extruder(args),
     }

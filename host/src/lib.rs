@@ -1,5 +1,6 @@
 //! Screed's host: models, planning, links, simulated peers, and the processes that run them.
 
+pub mod bench;
 pub mod calibrate;
 pub mod cli;
 pub mod config;

@@ -8,6 +8,7 @@ pub mod clock;
 pub mod config;
 pub mod correction;
 pub mod dexterity;
+pub mod ekf;
 pub mod fault;
 pub mod frame;
 pub mod guard;

@@ -5,6 +5,7 @@ mod common;
 
 use common::Random;
 use screed_kernel::dexterity::SWEEPS_MAX;
+use screed_kernel::ekf::replay::{STEP_MEASUREMENTS_MAX, WAITING_MAX};
 use screed_kernel::frame::{self, BatchPart, CODE_MAX, FRAME_MAX, JOINTS_MAX, ToKernel, WIRE_MAX};
 use screed_kernel::guard::PLANES_MAX;
 use screed_kernel::ring::{EXTENTS_MAX, Ring, RingError};
@@ -158,6 +159,8 @@ fn the_constants_have_the_listed_values() {
         ("WIRE_MAX", WIRE_MAX),
         ("CODE_MAX", CODE_MAX),
         ("TRANSMIT_MAX", TRANSMIT_MAX),
+        ("WAITING_MAX", WAITING_MAX),
+        ("STEP_MEASUREMENTS_MAX", STEP_MEASUREMENTS_MAX),
     ] {
         assert!(docs.contains(&format!("`{name}` = {value}")), "{name} is {value}");
     }

@@ -11,6 +11,9 @@ use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::dexterity::Dexterity;
+use screed_kernel::ekf::pose::TrackedPose;
+use screed_kernel::ekf::replay::{OfferError, Replay, Report, Stamped};
+use screed_kernel::ekf::{Ekf, EkfError, State, Verdict};
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
 use screed_kernel::guard::{Motion, Periods, output_least};
@@ -19,7 +22,7 @@ use screed_kernel::pose::Pose;
 use screed_kernel::registration::{PointPair, Registration, RegistrationError, register};
 use screed_kernel::setpoint::{self, CodeError, Coder, Setpoint};
 use screed_kernel::tick::{Command, Kernel, Sensors};
-use screed_kernel::units::{JointPos, Nanos};
+use screed_kernel::units::{JointJerk, JointPos, JointVel, Nanos};
 
 /// The kernel of an N-joint arm, all of its public functions; the names differ by N.
 macro_rules! kernel_roots {
@@ -119,6 +122,60 @@ macro_rules! kernel_roots {
                 joints: &JointPos<$joints>,
             ) -> ([Pose; $joints], (Pose, Jacobian<$joints>)) {
                 (arm.frames(joints), arm.jacobian(joints))
+            }
+
+            /// [`Ekf::new`], [`Ekf::predict`], [`State::after`]
+            #[unsafe(export_name = concat!("root_ekf_predict_", $joints))]
+            pub fn ekf_predict(
+                ekf: &mut Ekf<$joints>,
+                deviation: &State<$joints>,
+                density: &[f64; $joints],
+                dt: f64,
+                jerk: &JointJerk<$joints>,
+            ) -> Result<State<$joints>, EkfError> {
+                ekf.predict(dt, jerk)?;
+                let variance = ekf.covariance().get(dt as usize, dt as usize).ok_or(EkfError::NotFinite)?;
+                ekf.predict(variance, jerk)?;
+                *ekf = Ekf::new(ekf.state().after(dt, jerk), deviation, density)?;
+                Ok(*ekf.state())
+            }
+
+            /// [`Ekf::pose`]
+            #[unsafe(export_name = concat!("root_ekf_pose_", $joints))]
+            pub fn ekf_pose(
+                ekf: &mut Ekf<$joints>,
+                arm: &Arm<$joints>,
+                measured: &TrackedPose,
+            ) -> Result<Verdict, EkfError> {
+                ekf.pose(arm, measured)
+            }
+
+            /// [`Replay`], all of it.
+            #[unsafe(export_name = concat!("root_ekf_replay_", $joints))]
+            pub fn ekf_replay(
+                filter: &mut Replay<$joints, 24>,
+                arm: &Arm<$joints>,
+                stamped: &Stamped<$joints>,
+                now: Nanos,
+                jerk: &JointJerk<$joints>,
+            ) -> (Result<(), OfferError>, Result<Report, EkfError>, State<$joints>) {
+                let offered = filter.offer(stamped);
+                let report = filter.tick(arm, now, jerk);
+                let ahead = filter.ahead(now.0 as f64, jerk);
+                if report.is_err() {
+                    *filter = Replay::new(*filter.ekf(), now);
+                }
+                (offered, report, ahead)
+            }
+
+            /// [`Ekf::rates`] and [`Ekf::encoders`]
+            #[unsafe(export_name = concat!("root_ekf_joints_", $joints))]
+            pub fn ekf_joints(
+                ekf: &mut Ekf<$joints>,
+                rates: &JointVel<$joints>,
+                joints: &JointPos<$joints>,
+            ) -> (Result<Verdict, EkfError>, Result<Verdict, EkfError>) {
+                (ekf.rates(rates, rates), ekf.encoders(joints, joints))
             }
         }
     };

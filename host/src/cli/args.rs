@@ -42,6 +42,27 @@ pub struct DemoArgs {
     pub json: bool,
 }
 
+/// `screed bench`
+#[derive(Clone, Debug, PartialEq, clap::Subcommand)]
+pub enum BenchCommand {
+    /// Filter a noisy pose, half of it missing, as figure 6 of the KRAKEN paper does
+    Fig6(Fig6Args),
+}
+
+/// `screed bench fig6`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct Fig6Args {
+    /// Try the filter's jerk density on the seeds for tuning, instead of scoring it on the others
+    #[arg(long, conflicts_with_all = ["plot", "json"])]
+    pub tune: bool,
+    /// Draw the first scored run of the first case
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// The table as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// `screed plan`
 #[derive(Clone, Debug, PartialEq, clap::Args)]
 pub struct PlanArgs {

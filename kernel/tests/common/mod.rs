@@ -1,9 +1,12 @@
 //! What the kernel's tests share: seeded numbers, a small arm, and a kernel with a host's two ends of the line.
 #![allow(dead_code)] // Each test takes what it needs.
 
+pub mod dense;
+pub mod estimation;
 pub mod fuzz;
 pub mod inverse;
 pub mod motion;
+pub mod plant;
 pub mod program;
 pub mod wrist;
 

@@ -1,0 +1,3 @@
+//! Published experiments done again.
+
+pub mod fig6;

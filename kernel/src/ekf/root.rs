@@ -1,0 +1,65 @@
+//! Cholesky's root of an innovation's covariance, and what it whitens.
+
+use super::covariance::Rows;
+use super::{EkfError, add};
+
+/// U of S = UᵀU, upper triangular (Golub and Van Loan, "Matrix Computations", 4.2).
+pub(super) struct Root<const M: usize> {
+    /// Above the diagonal U; on it the reciprocals.
+    upper: [[f64; M]; M],
+}
+
+impl<const M: usize> Root<M> {
+    /// Of a symmetric matrix of which only the upper triangle is read.
+    #[inline(always)]
+    pub(super) fn of(s: &[[f64; M]; M]) -> Result<Self, EkfError> {
+        let mut upper = *s;
+        for k in 0..M {
+            for i in 0..k {
+                let factor = upper[i][k];
+                for j in k..M {
+                    upper[k][j] -= factor * upper[i][j];
+                }
+            }
+            let pivot = upper[k][k];
+            if !(pivot > 0.0 && pivot.is_finite()) {
+                return Err(EkfError::Unsound);
+            }
+            let scale = 1.0 / libm::sqrt(pivot);
+            upper[k][k] = scale;
+            for j in k + 1..M {
+                upper[k][j] *= scale;
+            }
+        }
+        Ok(Self { upper })
+    }
+
+    /// rows ← U⁻ᵀ·rows.
+    #[inline(always)]
+    pub(super) fn whiten<const N: usize>(&self, rows: &mut Rows<N, M>) {
+        for k in 0..M {
+            let [mut q, mut v, mut a] = rows[k];
+            for i in 0..k {
+                let factor = -self.upper[i][k];
+                add(&mut q, &rows[i][0], factor);
+                add(&mut v, &rows[i][1], factor);
+                add(&mut a, &rows[i][2], factor);
+            }
+            let scale = self.upper[k][k];
+            rows[k] = [q, v, a].map(|piece| piece.map(|value| scale * value));
+        }
+    }
+
+    /// U⁻ᵀ·y.
+    #[inline(always)]
+    pub(super) fn whitened(&self, y: &[f64; M]) -> [f64; M] {
+        let mut e = *y;
+        for k in 0..M {
+            for i in 0..k {
+                e[k] -= self.upper[i][k] * e[i];
+            }
+            e[k] *= self.upper[k][k];
+        }
+        e
+    }
+}
