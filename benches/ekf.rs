@@ -244,7 +244,13 @@ fn tick_dense(dense: &mut Dense, (pose, rates): &Measurement) {
         (r[(k, k)], r[(3 + k, 3 + k)]) = (NOISE[0] * NOISE[0], NOISE[1] * NOISE[1]);
     }
     let hp = h * dense.p;
-    let s = hp * h.transpose() + r;
+    let mut s = hp * h.transpose();
+    // What the pose bends away from its tangent, as in the kernel.
+    let (way, turn) = (s.fixed_view::<3, 3>(0, 0).trace(), s.fixed_view::<3, 3>(3, 3).trace());
+    for k in 0..3 {
+        (r[(k, k)], r[(3 + k, 3 + k)]) = (r[(k, k)] + 0.25 * way * turn, r[(3 + k, 3 + k)] + 0.25 * turn * turn);
+    }
+    s += r;
     let factor = s.cholesky().expect("a positive definite matrix");
     let gain = factor.solve(&hp).transpose();
     dense.x += gain * y;

@@ -6,7 +6,7 @@
 //! rotation vector, and not by position and quaternion (Trawny and Roumeliotis 2005); encoder angles are a measurement; and
 //! a measurement that is not believed changes nothing, where Table 3 as printed shrinks P all the same.
 //!
-//! Each measurement has a file of its own ([`pose`], [`rates`], [`encoders`]); all end in `Ekf::correct`. F is made of
+//! Each measurement has a file of its own ([`pose`], [`rates`], [`encoders`]); all end in one update. F is made of
 //! multiples of the identity, so P is kept and moved on in N by N blocks ([`covariance`]).
 
 // In matrices an index says more than a chain of iterators does.
