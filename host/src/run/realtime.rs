@@ -3,6 +3,9 @@
 use crate::config::Realtime;
 use std::io::Error;
 
+/// What must still fit under the limit of locked memory (bytes): more than the process allocates before its first cycle.
+const ROOM_TO_GROW: usize = 32 << 20;
+
 /// What the process got.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Scheduling {
@@ -21,9 +24,8 @@ pub fn enter(wanted: &Realtime) -> Scheduling {
         refused
             .push(format!("binding to processor {cpu} was refused ({error}): name one that exists in [realtime] cpu"));
     }
-    // SAFETY: no pointers; locks this process's own pages.
-    if unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) } != 0 {
-        refused.push(format!("locking memory was refused ({}): raise memlock in limits.conf", Error::last_os_error()));
+    if let Err(error) = lock_memory() {
+        refused.push(format!("locking memory was refused ({error}): raise memlock in limits.conf"));
     }
     let parameter = libc::sched_param { sched_priority: i32::from(wanted.priority) };
     // SAFETY: the parameter outlives the call; 0 means this process.
@@ -35,6 +37,27 @@ pub fn enter(wanted: &Realtime) -> Scheduling {
         ));
     }
     Scheduling { realtime: refused.is_empty(), note: refused.join("; ") }
+}
+
+/// Locks what the process has and will have. Under a limit that leaves no room to grow nothing is locked: memory that cannot
+/// be locked later is memory that cannot be allocated, and the process would end in the middle of a print.
+fn lock_memory() -> Result<(), Error> {
+    // SAFETY: no pointers; locks this process's own pages.
+    if unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) } != 0 {
+        return Err(Error::last_os_error());
+    }
+    let (protection, flags) = (libc::PROT_READ | libc::PROT_WRITE, libc::MAP_PRIVATE | libc::MAP_ANONYMOUS);
+    // SAFETY: a new mapping, at a place that the system chooses.
+    let room = unsafe { libc::mmap(std::ptr::null_mut(), ROOM_TO_GROW, protection, flags, -1, 0) };
+    if room == libc::MAP_FAILED {
+        let error = Error::last_os_error();
+        // SAFETY: no pointers.
+        unsafe { libc::munlockall() };
+        return Err(error);
+    }
+    // SAFETY: the mapping just made, which nothing refers to.
+    unsafe { libc::munmap(room, ROOM_TO_GROW) };
+    Ok(())
 }
 
 fn bind(cpu: usize) -> Result<(), Error> {
