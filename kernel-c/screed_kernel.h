@@ -71,7 +71,7 @@ typedef struct {
     uint64_t fault_tick;    /* tick of the present fault; 0 without */
     uint64_t time_lost_ns;  /* time lost by late ticks: the path clock advances one period a tick */
     double rate;            /* path clock rate, 0 to 1 */
-    uint32_t epoch;         /* counts configurations and dropped rings; a resume must name it */
+    uint32_t epoch;         /* counts configurations, dropped rings, holds and resumes; a resume must name it */
     uint32_t consumed;      /* setpoint consumed last; what follows it can be replaced */
     uint32_t end_seq;       /* last setpoint held */
     uint32_t credits;       /* setpoints that the ring can take */

@@ -74,7 +74,7 @@ pub struct Status {
     pub time_lost_ns: u64,
     /// Path clock rate, 0 to 1.
     pub rate: f64,
-    /// Counts configurations and dropped rings.
+    /// Counts configurations, dropped rings, and holds and resumes obeyed.
     pub epoch: u32,
     /// Setpoint consumed last.
     pub consumed: u32,

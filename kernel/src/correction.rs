@@ -1,6 +1,7 @@
 //! Joint offsets from outside, added to what the path clock puts out: bounded, and ramped out when they end.
 
-use crate::guard::{Quantity, Violation, exceeds};
+use crate::arm::Arm;
+use crate::guard::{Quantity, Violation, Workspace, exceeds};
 use crate::ramp::{Ramp, RampLimits};
 use crate::units::JointPos;
 use serde::{Deserialize, Serialize};
@@ -78,6 +79,14 @@ impl<const N: usize> Correction<N> {
             *q += correction.ramp.value;
         }
         joints
+    }
+
+    /// Whether the path's joints, which are inside the workspace by themselves, stay there when corrected.
+    ///
+    /// # Errors
+    /// The first [`Violation`], planes in order.
+    pub fn check(&self, path: &JointPos<N>, workspace: &Workspace, arm: &Arm<N>) -> Result<(), Violation> {
+        if self.is_none() { Ok(()) } else { workspace.check(arm, &self.applied_to(path)) }
     }
 
     /// Takes the next correction when size, first and second difference keep their limits.

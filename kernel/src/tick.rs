@@ -287,14 +287,19 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         if matches!(self.mode, Mode::Moving | Mode::Stopping { .. }) {
             self.path = self.clock.advance(&mut self.ring, periods.tick, periods.tick / periods.sample);
         }
+        let before = self.correction;
         let followed = match correction {
-            Some(wanted) if self.mode.fault().is_none() => self.correction.follow(wanted, &limits, periods.tick),
+            Some(wanted) if self.mode.fault().is_none() => self
+                .correction
+                .follow(wanted, &limits, periods.tick)
+                .and_then(|()| self.correction.check(&self.path.joints, &config.workspace, &self.arm)),
             _ => {
                 self.correction.ramp_out(&limits, periods.tick);
                 Ok(())
             }
         };
         if let Err(Violation { quantity, joint, value, limit }) = followed {
+            self.correction = before;
             self.correction.ramp_out(&limits, periods.tick);
             self.change(Event::Fault(Fault::Correction { quantity, joint, value, limit }));
         }
@@ -349,6 +354,9 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
                 self.say(&FromKernel::Fault(report));
             }
         }
+        if matches!(event, Event::Hold | Event::Resume) {
+            self.next_epoch();
+        }
         match next {
             Mode::Unready => {
                 self.correction = Correction::none();
@@ -389,6 +397,11 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         self.ring.clear();
         self.incoming = None;
         self.stand();
+        self.next_epoch();
+    }
+
+    /// A resume that was decided before this has nothing more to say, however late or often the line delivers it.
+    fn next_epoch(&mut self) {
         self.epoch = self.epoch.wrapping_add(1);
     }
 

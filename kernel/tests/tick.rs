@@ -7,6 +7,7 @@ use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{Configure, ModeCode, Refusal, ToKernel, Unsound};
 use screed_kernel::guard::{Plane, Quantity};
+use screed_kernel::ramp::{Ramp, RampLimits};
 use screed_kernel::setpoint::{Setpoint, joint_on_grid};
 use screed_kernel::tick::{Command, Kernel, Sensors};
 use screed_kernel::units::{JointPos, Nanos};
@@ -166,6 +167,32 @@ fn a_hold_still_takes_batches_and_a_stop_drops_the_ring_also_at_rest() {
     assert_eq!((status.mode, status.end_seq, status.epoch), (ModeCode::Holding, status.consumed, epoch + 1));
     bench.say(&ToKernel::Configure(configure(&PLAN, PERIOD_NS, PERIOD_NS, CORRECTION)));
     assert_eq!(bench.refusal(), None);
+}
+
+#[test]
+fn a_resume_is_obeyed_once_however_late_or_often_it_comes() {
+    let mut bench = bench();
+    let decided = bench.status().epoch;
+    assert_eq!(bench.batch(1, None, &sweep(0.1, 0.6, 1000)), None);
+    // Overtaken by a hold.
+    bench.say(&ToKernel::Hold);
+    bench.say(&ToKernel::Resume { epoch: decided });
+    assert_eq!((bench.status().mode, bench.refusal()), (ModeCode::Holding, Some(Refusal::Stale)));
+    // Delivered twice, the second time behind a hold, and behind the end of what there was to play.
+    let decided = bench.status().epoch;
+    bench.say(&ToKernel::Resume { epoch: decided });
+    assert_eq!((bench.status().mode, bench.refusal()), (ModeCode::Moving, None));
+    bench.say(&ToKernel::Hold);
+    until_rest(&mut bench);
+    bench.say(&ToKernel::Resume { epoch: decided });
+    assert_eq!((bench.status().mode, bench.refusal()), (ModeCode::Holding, Some(Refusal::Stale)));
+    let decided = bench.status().epoch;
+    bench.say(&ToKernel::Resume { epoch: decided });
+    until_rest(&mut bench);
+    let end = bench.status().end_seq;
+    assert_eq!(bench.batch(end + 1, None, &sweep(0.6, 0.1, 1000)), None);
+    bench.say(&ToKernel::Resume { epoch: decided });
+    assert_eq!((bench.status().mode, bench.refusal()), (ModeCode::Holding, Some(Refusal::Stale)));
 }
 
 #[test]
@@ -336,6 +363,34 @@ fn the_tool_is_kept_inside_the_workspace_before_a_batch_is_taken() {
         matches!(refused, Some(Refusal::DoesNotFit { quantity: Quantity::Workspace, joint: 0, .. })),
         "{refused:?}"
     );
+}
+
+#[test]
+fn a_correction_that_would_take_the_tool_out_of_the_workspace_is_a_fault_before_it_does() {
+    let y = |q: &JointPos<2>| 0.5 * q.0[0].sin() + 0.6 * (q.0[0] + q.0[1]).sin();
+    let start = y(&bench().tick().joints.unwrap());
+    let plane = Plane { normal_in_base: [0.0, 1.0, 0.0], offset: start + 5e-4 };
+    let workspace = [plane].into_iter().collect();
+    let mut bench = Bench::new(Configure { workspace, ..configure(&PLAN, PERIOD_NS, PERIOD_NS, CORRECTION) });
+    bench.tick();
+    let mut wanted = Ramp::at(0.0);
+    let limits = RampLimits { slope_max: CORRECTION.velocity_max, curvature_max: CORRECTION.acceleration_max };
+    let mut farthest = 0.0_f64;
+    for _ in 0..5000 {
+        wanted.step(CORRECTION.size_max, &limits, PERIOD);
+        bench.sensors.correction = Some(JointPos([0.999 * wanted.value; 2]));
+        farthest = farthest.max(y(&bench.tick().joints.unwrap()));
+    }
+    let Some(Fault::Correction { quantity: Quantity::Workspace, joint: 0, value, limit }) =
+        bench.status().fault.map(|report| report.fault)
+    else {
+        panic!("{:?}", bench.status().fault)
+    };
+    assert!(value > limit && limit == plane.offset && value < limit + 1e-4);
+    // Braking takes its way; then the arm is back on the path, inside.
+    let brake = CORRECTION.velocity_max.powi(2) / CORRECTION.acceleration_max;
+    assert!(farthest <= limit + 1.1 * 1.7 * brake, "{farthest} {limit}");
+    assert_eq!((bench.status().mode, y(&bench.tick().joints.unwrap())), (ModeCode::Faulted, start));
 }
 
 #[test]

@@ -34,7 +34,8 @@ pub enum ToKernel<'a> {
     Rate(f64),
     /// Comes to rest on the path; the ring stays.
     Hold,
-    /// Plays on (or begins). A person's command: refused unless `epoch` is the kernel's, so that it speaks of this ring.
+    /// Plays on (or begins). A person's command: refused unless `epoch` is the kernel's, so that it speaks of this ring, and
+    /// of no moment before the last hold or resume.
     Resume {
         /// Epoch from the last [`Status`].
         epoch: u32,
@@ -266,7 +267,7 @@ pub enum ModeCode {
 pub struct Status {
     /// Ticks since start.
     pub tick: u64,
-    /// Counts configurations and dropped rings: what a host knew of another epoch no longer holds.
+    /// Counts what a person has to decide anew after: configurations, dropped rings, and every hold and resume obeyed.
     pub epoch: u32,
     /// Mode.
     pub mode: ModeCode,

@@ -126,6 +126,11 @@ impl Program {
         let status = self.bench.status();
         if status.epoch != self.epoch {
             self.epoch = status.epoch;
+            // A hold or a resume leaves the ring, or the last of what the clock has taken from it.
+            let plays = matches!(status.mode, ModeCode::Moving | ModeCode::Stopping);
+            if plays || status.end_seq > status.consumed {
+                return;
+            }
             let joints = self.last.joints.unwrap_or(self.bench.sensors.actual);
             let path = std::array::from_fn(|j| joints.0[j] - self.last.correction.0[j]);
             self.base = (status.consumed, Source::at_rest(path));
