@@ -229,7 +229,7 @@ fn a_print_against_machines_started_by_hand_is_told_what_is_wrong_with_them() {
     let text = demo_cell.replace("\n[link]\n", &format!("\n[link]\nport = {port}\n")).replace("/dev/ttyACM0", &device);
     fs::write(&cell, text).unwrap();
     let print = |more: &[&str]| {
-        let mut command = scene.screed(&["print", "--yes"]);
+        let mut command = scene.screed(&["print", "--yes", "--allow-non-rt"]);
         finished(command.args(more).arg(&model).arg("--cell").arg(&cell).spawn().unwrap())
     };
 
@@ -253,6 +253,30 @@ fn a_print_against_machines_started_by_hand_is_told_what_is_wrong_with_them() {
 }
 
 #[test]
+fn without_what_a_hard_timed_loop_needs_nothing_starts_unless_a_person_allows_it() {
+    let scene = Scene::new();
+    let cell = scene.path("cell.toml");
+    // A processor that no machine has: refused to root too.
+    fs::write(&cell, Cell::demo_text(125).unwrap() + "\n[realtime]\npriority = 80\ncpu = 1023\n").unwrap();
+    let start = |more: &[&str]| {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_screed-rt"));
+        process.arg("--cell").arg(&cell).arg("--socket").arg(scene.path("rt.sock")).args(more);
+        process.args(["--robot", "127.0.0.1:1", "--extruder", "/dev/none"]);
+        let output = process.output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (code, error) = start(&[]);
+    assert_eq!(code, Some(6), "{error}");
+    assert!(
+        error.contains("processor 1023") && error.contains("remedy") && error.contains("--allow-non-rt"),
+        "{error}"
+    );
+    // Allowed, it goes on to what is missing next.
+    let (code, error) = start(&["--allow-non-rt"]);
+    assert_eq!(code, Some(4), "{error}");
+}
+
+#[test]
 fn a_fault_stays_until_a_person_leaves_it() {
     let scene = Scene::new();
     let (model, cell, program) = (scene.path("wall.ifc"), scene.path("cell.toml"), scene.path("robot.script"));
@@ -269,7 +293,7 @@ fn a_fault_stays_until_a_person_leaves_it() {
     let socket = scene.path("rt.sock");
     let mut process = Command::new(env!("CARGO_BIN_EXE_screed-rt"));
     process.arg("--cell").arg(&cell).arg("--socket").arg(&socket);
-    let mut process = process.args(["--robot", &address, "--extruder", &device]).spawn().unwrap();
+    let mut process = process.args(["--robot", &address, "--extruder", &device, "--allow-non-rt"]).spawn().unwrap();
     while !socket.exists() {
         thread::sleep(Duration::from_millis(10));
     }

@@ -17,6 +17,8 @@ pub enum Exit {
     Link,
     /// 5: a limit, a watchdog or the robot's own safety stopped the motion.
     SafetyStop,
+    /// 6: the system refused real-time scheduling, locked memory or the processor.
+    NotRealTime,
     /// 130: a person stopped the job with Ctrl-C (128 + SIGINT, as shells report it).
     Interrupted,
 }
@@ -30,6 +32,7 @@ impl Exit {
             Self::Input => 3,
             Self::Link => 4,
             Self::SafetyStop => 5,
+            Self::NotRealTime => 6,
             Self::Interrupted => 130,
         }
     }

@@ -122,6 +122,9 @@ pub struct PrintArgs {
     /// With --fast: write what the robot received, as CSV with a row a cycle
     #[arg(long, value_name = "FILE", requires = "fast")]
     pub record: Option<PathBuf>,
+    /// Go on, stamped NON-RT, where the system refuses screed-rt real-time scheduling
+    #[arg(long, conflicts_with_all = ["fast", "attach"])]
+    pub allow_non_rt: bool,
     /// Use the screed-rt that answers at this socket, instead of starting one
     #[arg(long, value_name = "SOCKET")]
     pub attach: Option<PathBuf>,

@@ -44,6 +44,7 @@ pub fn run(args: &PrintArgs) -> Result<(), Failure> {
     let socket = folder.join("rt.sock");
     let mut command = children::screed_rt()?;
     command.arg("--cell").arg(&args.cell).arg("--socket").arg(&socket);
+    command.args(args.allow_non_rt.then_some("--allow-non-rt"));
     report(&print::run(&print, print::attach(&socket, Some(command))?)?, args.json)
 }
 

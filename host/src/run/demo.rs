@@ -104,7 +104,7 @@ impl Demo {
         let socket = folder.join("rt.sock");
         let mut process = children::screed_rt()?;
         process.arg("--cell").arg(&cell_file).arg("--socket").arg(&socket);
-        process.args(["--robot", &address, "--extruder", &device, "--exit-when-idle", "60"]);
+        process.args(["--robot", &address, "--extruder", &device, "--exit-when-idle", "60", "--allow-non-rt"]);
         let attached = print::attach(&socket, Some(process))?;
         let summary = print::run(print, attached);
         if summary.is_err() {

@@ -352,6 +352,7 @@ impl From<children::ChildError> for Failure {
                 let exit = match code {
                     Some(3) => Exit::Input,
                     Some(4) => Exit::Link,
+                    Some(6) => Exit::NotRealTime,
                     _ => Exit::Failed,
                 };
                 let (message, remedy) = match message.split_once("\nremedy: ") {

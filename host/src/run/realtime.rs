@@ -1,21 +1,29 @@
 //! Asks the system for what a hard-timed loop needs, and says what was refused.
 
 use crate::config::Realtime;
-use std::io::Error;
+use std::fs::{File, OpenOptions};
+use std::io::{Error, Write};
 
-/// What must still fit under the limit of locked memory (bytes): more than the process allocates before its first cycle.
-const ROOM_TO_GROW: usize = 32 << 20;
+/// How much of the heap is locked and touched before the first cycle (bytes): more than the process allocates until then. It
+/// must fit under the limit of locked memory.
+const HEAP: usize = 32 << 20;
+
+/// How much of the stack is touched before the first cycle (bytes): several times what a cycle needs.
+const STACK: usize = 256 << 10;
 
 /// What the process got.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Debug)]
 pub struct Scheduling {
-    /// Whether everything asked for was granted.
+    /// Whether scheduling, memory and processor were granted as asked for.
     pub realtime: bool,
     /// What was refused and how to allow it; empty when nothing was.
     pub note: String,
+    /// Processors stay awake for as long as this file is open.
+    _awake: Option<File>,
 }
 
-/// Fixed-priority scheduling (SCHED_FIFO), memory locked, bound to a processor if the cell names one.
+/// Bound to a processor if the cell names one, memory locked and touched, processors kept from sleeping deeply,
+/// fixed-priority scheduling (SCHED_FIFO). To be called before anything large is allocated.
 pub fn enter(wanted: &Realtime) -> Scheduling {
     let mut refused = Vec::new();
     if let Some(cpu) = wanted.cpu
@@ -27,37 +35,66 @@ pub fn enter(wanted: &Realtime) -> Scheduling {
     if let Err(error) = lock_memory() {
         refused.push(format!("locking memory was refused ({error}): raise memlock in limits.conf"));
     }
-    let parameter = libc::sched_param { sched_priority: i32::from(wanted.priority) };
-    // SAFETY: the parameter outlives the call; 0 means this process.
-    if unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameter) } != 0 {
+    touch_stack();
+    if let Err(error) = schedule(wanted.priority) {
         refused.push(format!(
-            "SCHED_FIFO priority {} was refused ({}): raise rtprio in limits.conf or grant CAP_SYS_NICE",
-            wanted.priority,
-            Error::last_os_error()
+            "SCHED_FIFO priority {} was refused ({error}): raise rtprio in limits.conf or grant CAP_SYS_NICE",
+            wanted.priority
         ));
     }
-    Scheduling { realtime: refused.is_empty(), note: refused.join("; ") }
+    let realtime = refused.is_empty();
+    let awake = stay_awake();
+    if let Err(error) = &awake {
+        refused.push(format!(
+            "processors may sleep deeply and wake late, /dev/cpu_dma_latency was refused ({error}): let this user write it"
+        ));
+    }
+    Scheduling { realtime, note: refused.join("; "), _awake: awake.ok() }
 }
 
-/// Locks what the process has and will have. Under a limit that leaves no room to grow nothing is locked: memory that cannot
-/// be locked later is memory that cannot be allocated, and the process would end in the middle of a print.
+/// Locks what the process has and will have, and lets the heap grow once, now: it is never given back, and large pieces come
+/// from it too. Under a limit that leaves no room for that nothing is locked, since what could not be locked later could not be
+/// allocated either, and the process would end in the middle of a print.
 fn lock_memory() -> Result<(), Error> {
+    // SAFETY: no pointers; sets how this process's own allocator gets and returns memory.
+    let set = unsafe { libc::mallopt(libc::M_TRIM_THRESHOLD, -1) & libc::mallopt(libc::M_MMAP_MAX, 0) };
+    if set == 0 {
+        return Err(Error::other("the allocator keeps to its own ways"));
+    }
     // SAFETY: no pointers; locks this process's own pages.
     if unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) } != 0 {
         return Err(Error::last_os_error());
     }
-    let (protection, flags) = (libc::PROT_READ | libc::PROT_WRITE, libc::MAP_PRIVATE | libc::MAP_ANONYMOUS);
-    // SAFETY: a new mapping, at a place that the system chooses.
-    let room = unsafe { libc::mmap(std::ptr::null_mut(), ROOM_TO_GROW, protection, flags, -1, 0) };
-    if room == libc::MAP_FAILED {
-        let error = Error::last_os_error();
+    let mut heap = Vec::new();
+    if heap.try_reserve_exact(HEAP).is_err() {
         // SAFETY: no pointers.
         unsafe { libc::munlockall() };
-        return Err(error);
+        return Err(Error::other(format!("the limit leaves no room for {} MiB more", HEAP >> 20)));
     }
-    // SAFETY: the mapping just made, which nothing refers to.
-    unsafe { libc::munmap(room, ROOM_TO_GROW) };
+    heap.resize(HEAP, 1_u8);
+    std::hint::black_box(&mut heap);
     Ok(())
+}
+
+/// Uses the stack that a cycle may need, so that none of its pages is first used then.
+#[inline(never)]
+fn touch_stack() {
+    std::hint::black_box(&mut [1_u8; STACK]);
+}
+
+fn schedule(priority: u8) -> Result<(), Error> {
+    let parameter = libc::sched_param { sched_priority: i32::from(priority) };
+    // SAFETY: the parameter outlives the call; 0 means this process.
+    let result = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameter) };
+    if result == 0 { Ok(()) } else { Err(Error::last_os_error()) }
+}
+
+/// Asks for a wake-up latency of 0 µs; the system keeps to it while the file is open (kernel documentation, "PM Quality of
+/// Service").
+fn stay_awake() -> Result<File, Error> {
+    let mut file = OpenOptions::new().write(true).open("/dev/cpu_dma_latency")?;
+    file.write_all(&0_i32.to_ne_bytes())?;
+    Ok(file)
 }
 
 fn bind(cpu: usize) -> Result<(), Error> {

@@ -37,6 +37,9 @@ pub struct RtArgs {
     /// The extruder's serial device, instead of the cell file's
     #[arg(long, value_name = "DEVICE")]
     pub extruder: Option<PathBuf>,
+    /// Go on, stamped NON-RT, where the system refuses real-time scheduling, locked memory or the processor
+    #[arg(long)]
+    pub allow_non_rt: bool,
     /// End when no host has been attached for so long and the arm is at rest
     #[arg(long, value_name = "SECONDS")]
     pub exit_when_idle: Option<u64>,
@@ -48,6 +51,9 @@ pub enum RtError {
     /// The cell file.
     #[error(transparent)]
     Config(#[from] ConfigError),
+    /// The loop would not be hard-timed.
+    #[error("no real time: {0}")]
+    NotRealTime(String),
     /// Nobody answers at the robot's address.
     #[error(
         "the robot at {address} does not answer: {source}; check address and port in [link] of the cell file, and that the controller is on"
@@ -88,6 +94,11 @@ impl From<RtError> for Failure {
         match error {
             RtError::Config(error) => error.into(),
             RtError::Signals(error) => error.into(),
+            error @ RtError::NotRealTime(_) => Self::new(
+                Exit::NotRealTime,
+                error.to_string(),
+                "grant what was refused, or run stamped NON-RT with --allow-non-rt",
+            ),
             RtError::Core(error) => Self::told(Exit::Input, error.to_string()),
             RtError::Socket { .. } | RtError::Wait(_) => Self::told(Exit::Failed, error.to_string()),
             RtError::Robot { .. } | RtError::Link(_) | RtError::Extruder(_) => {
@@ -105,6 +116,9 @@ pub fn run(args: &RtArgs) -> Result<(), RtError> {
     signal::catch_stop()?;
     let cell = config::load(&args.cell)?;
     let scheduling = realtime::enter(&cell.realtime);
+    if !scheduling.realtime && !args.allow_non_rt {
+        return Err(RtError::NotRealTime(scheduling.note));
+    }
     let core = Core::new(&cell, scheduling.realtime, &scheduling.note)?;
     let extruder = open_extruder(&cell, args)?;
     let robot = connect(&cell, args)?;
