@@ -5,6 +5,7 @@ mod bench;
 mod calibrate;
 mod check;
 mod demo;
+mod doctor;
 mod log;
 mod plan;
 mod print;
@@ -17,7 +18,8 @@ use crate::model::fim::{self, FimModel};
 use crate::run::children::VERSION;
 use crate::run::rt::{self, RtArgs};
 use args::{
-    BenchCommand, CalibrateCommand, CheckArgs, DemoArgs, LogArgs, PlanArgs, PrintArgs, RobotCommand, SimCommand,
+    BenchCommand, CalibrateCommand, CheckArgs, DemoArgs, DoctorArgs, LogArgs, PlanArgs, PrintArgs, RobotCommand,
+    SimCommand,
 };
 use clap::{Parser, Subcommand};
 use std::io::{ErrorKind, Write};
@@ -28,7 +30,7 @@ use std::process::ExitCode;
 #[derive(Debug, Parser)]
 #[command(name = "screed", version = VERSION, arg_required_else_help = true)]
 #[command(
-    after_help = "Exit codes: 0 done, 1 failed, 2 usage, 3 cell file or model, 4 link, 5 safety stop, 130 Ctrl-C."
+    after_help = "Exit codes: 0 done, 1 failed, 2 usage, 3 cell file or model, 4 link, 5 safety stop, 6 no real time, 130 Ctrl-C."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -45,6 +47,8 @@ enum Command {
     Print(PrintArgs),
     /// Say whether a cell file or a model is sound, and what was looked at
     Check(CheckArgs),
+    /// Say whether this machine can hold a hard-timed loop, and what to change
+    Doctor(DoctorArgs),
     /// Find frames, tools and an arm's geometry from measurements
     #[command(subcommand)]
     Calibrate(CalibrateCommand),
@@ -87,6 +91,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Print(args) => print::run(args),
         Command::Rt(args) => Ok(rt::run(args)?),
         Command::Check(args) => check::run(args),
+        Command::Doctor(args) => doctor::run(args),
         Command::Calibrate(command) => calibrate::run(command),
         Command::Log(args) => log::run(args),
         Command::Robot(command) => robot::run(command),

@@ -4,6 +4,7 @@ pub mod bench;
 pub mod calibrate;
 pub mod cli;
 pub mod config;
+pub mod doctor;
 pub mod failure;
 pub mod link;
 pub mod log;

@@ -174,6 +174,17 @@ pub struct CheckArgs {
     pub cell: Option<PathBuf>,
 }
 
+/// `screed doctor`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct DoctorArgs {
+    /// The cell file whose priority and processor are meant; without it, the demo's
+    #[arg(long, value_name = "FILE.toml")]
+    pub cell: Option<PathBuf>,
+    /// The findings as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// `screed calibrate`
 #[derive(Clone, Debug, PartialEq, clap::Subcommand)]
 pub enum CalibrateCommand {
