@@ -4,6 +4,7 @@
 
 pub mod arm;
 pub mod arms;
+pub mod base;
 pub mod clock;
 pub mod config;
 pub mod correction;
