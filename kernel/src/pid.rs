@@ -184,11 +184,13 @@ impl<const N: usize> Pid<N> {
         &self.gains
     }
 
-    /// What is to be put out (rad, m) at this error (rad, m), `dt` s after the last step. Say afterwards what was: [`Self::put_out`].
+    /// What is to be put out (rad, m) at this error (rad, m), `dt` s after the last step. Say afterwards what was:
+    /// [`Self::put_out`]. While something else than this controller holds the output back, the error is not for the integral:
+    /// then without `integrate` it stays as it is.
     ///
     /// # Errors
     /// [`PidError::NotFinite`], [`PidError::Step`]
-    pub fn step(&mut self, error: &JointPos<N>, dt: f64) -> Result<JointPos<N>, PidError> {
+    pub fn step(&mut self, error: &JointPos<N>, dt: f64, integrate: bool) -> Result<JointPos<N>, PidError> {
         if !(dt > 0.0 && dt <= DT_MAX) {
             return Err(PidError::Step { dt });
         }
@@ -201,7 +203,9 @@ impl<const N: usize> Pid<N> {
             let Gains { proportional, integral, derivative, filter_time, .. } = *gains;
             let rise = derivative * (error - terms.error);
             terms.derivative = (filter_time * terms.derivative + rise) / (filter_time + dt);
-            terms.integral += integral * dt * error;
+            if integrate {
+                terms.integral += integral * dt * error;
+            }
             terms.error = error;
             terms.wanted = proportional * error + terms.integral + terms.derivative;
             *out = terms.wanted;

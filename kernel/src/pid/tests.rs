@@ -1,5 +1,5 @@
 use super::*;
-use nalgebra::{Complex, Normed};
+use nalgebra::Complex;
 
 const GAINS: Gains =
     Gains { proportional: 0.8, integral: 5.0, derivative: 0.03, filter_time: 0.02, tracking_time: 0.1 };
@@ -13,7 +13,7 @@ fn pid(gains: Gains) -> Pid<1> {
 }
 
 fn step(pid: &mut Pid<1>, error: f64, dt: f64) -> f64 {
-    let [wanted] = pid.step(&JointPos([error]), dt).unwrap().0;
+    let [wanted] = pid.step(&JointPos([error]), dt, true).unwrap().0;
     wanted
 }
 
@@ -26,6 +26,8 @@ fn a_constant_error_is_integrated_over_the_true_time() {
         time += dt;
         near(step(&mut pid, 0.3, dt), 0.3 * (0.8 + 5.0 * time), 1e-15);
     }
+    let [held] = pid.step(&JointPos([0.3]), 0.002, false).unwrap().0;
+    near(held, 0.3 * (0.8 + 5.0 * time), 1e-15);
 }
 
 /// k_d·s/(1 + T_f·s) answers a unit step by k_d/T_f·e^(−t/T_f) and a unit ramp by k_d·(1 − e^(−t/T_f)).
@@ -118,7 +120,7 @@ fn the_zeros_lie_on_the_poles_of_the_drive() {
             let controller = s * derivative / (s * filter_time + 1.0) + Complex::new(integral, 0.0) / s + proportional;
             let drive = Complex::new(gain, 0.0) / (s * s + s * (gain * lag) + gain);
             let expected = Complex::new(crossover, 0.0) / (s * (s * filter + 1.0));
-            assert!((controller * drive / expected - 1.0).norm() < 1e-12);
+            assert!((controller * drive / expected - 1.0).norm_sqr() < 1e-24);
         }
     }
 }
@@ -128,9 +130,9 @@ fn what_is_no_number_and_no_time_is_refused_and_changes_nothing() {
     let mut pid = pid(GAINS);
     step(&mut pid, 0.1, 0.002);
     let before = pid;
-    assert_eq!(pid.step(&JointPos([f64::NAN]), 0.002), Err(PidError::NotFinite));
+    assert_eq!(pid.step(&JointPos([f64::NAN]), 0.002, true), Err(PidError::NotFinite));
     for dt in [0.0, -0.002, 1.1, f64::NAN, f64::INFINITY] {
-        assert!(matches!(pid.step(&JointPos([0.1]), dt), Err(PidError::Step { .. })), "{dt}");
+        assert!(matches!(pid.step(&JointPos([0.1]), dt, true), Err(PidError::Step { .. })), "{dt}");
     }
     assert_eq!(pid.put_out(&JointPos([f64::INFINITY])), Err(PidError::NotFinite));
     assert_eq!(pid.start(&JointPos([f64::NAN]), &JointPos([0.0])), Err(PidError::NotFinite));
