@@ -1,3 +1,4 @@
-//! Published experiments done again.
+//! Published experiments done again, and what the control law comes to.
 
 pub mod fig6;
+pub mod servoj;

@@ -16,6 +16,7 @@ pub use error::{ConfigError, Fault, Finding};
 use crate::robot::calibration::Calibrated;
 use read::Document;
 use screed_kernel::arm::Arm;
+use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::guard::Plane;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::{JointAcc, JointJerk, JointPos, JointVel};
@@ -40,6 +41,8 @@ pub struct Cell {
     pub travel: Travel,
     /// How the robot is reached.
     pub link: Link,
+    /// How the lag of its servo is compensated; not at all without it.
+    pub lead: Option<Lead>,
     /// The extruder.
     pub extruder: Extruder,
     /// How the real-time process is scheduled.
@@ -151,6 +154,15 @@ pub struct Link {
     pub servoj_lookahead: f64,
     /// servoj's gain, 100 to 2000.
     pub servoj_gain: f64,
+}
+
+/// How the lag of the robot's servo is compensated: what is sent leads the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lead {
+    /// How far and how fast it may lead.
+    pub limits: CorrectionLimits,
+    /// What of the lag is a dead time, and left as it is (s).
+    pub dead_time: f64,
 }
 
 /// The extruder on its serial line.

@@ -2,4 +2,5 @@
 
 pub mod extruder;
 pub mod line;
+pub mod plant;
 pub mod ur;

@@ -5,11 +5,11 @@
 //! profile; [`crate::guard`] says what that adds to the path's own speed, acceleration and jerk. A tick advances the clock by
 //! one tick period, also when it comes late: the time lost stays lost.
 
-use crate::interpolate::interpolate;
+use crate::interpolate::{interpolate, slopes};
 use crate::ramp::{Ramp, RampLimits};
 use crate::ring::Ring;
 use crate::setpoint::Setpoint;
-use crate::units::JointPos;
+use crate::units::{JointAcc, JointPos, JointVel};
 
 /// How fast the rate may change (1/s): a path speed v gains at most 1.5 v of deceleration from the clock.
 pub const RATE_SLOPE_MAX: f64 = 1.5;
@@ -124,6 +124,23 @@ impl<const N: usize> PathClock<N> {
         self.played(flow)
     }
 
+    /// How the path moves where the clock is, samples being `sample` s apart: with q(θ) the path over its own time,
+    /// q̇ = q′·θ̇ and q̈ = q″·θ̇² + q′·θ̈ (rad/s, rad/s², or m). The derivatives are those of the interpolation.
+    pub fn motion(&self, sample: f64) -> (JointVel<N>, JointAcc<N>) {
+        let (mut velocity, mut acceleration) = (JointVel::ZERO, JointAcc::ZERO);
+        let Ramp { value: rate, slope } = self.rate;
+        let joints = velocity.0.iter_mut().zip(&mut acceleration.0).zip(0..);
+        for ((v, a), j) in joints {
+            let at = |sample: &Sample<N>| sample.setpoint.joints.0.get(j).copied().unwrap_or(0.0);
+            let [q0, q1, q2, q3, q4, q5] = &self.window;
+            let [first, second] = slopes([at(q0), at(q1), at(q2), at(q3), at(q4), at(q5)], self.phase);
+            let (first, second) = (first / sample, second / (sample * sample));
+            *v = first * rate;
+            *a = second * rate * rate + first * slope;
+        }
+        (velocity, acceleration)
+    }
+
     /// Flow of the interval that the phase is in.
     const fn next_flow(&self) -> f64 {
         let [_, _, _, next, ..] = &self.window;
@@ -235,6 +252,29 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_motion_is_what_differences_of_what_is_put_out_tell() {
+        let (mut ring, mut clock) = moving(1000);
+        let (mut last, mut fastest) = ([0.0; 2], 0.0_f64);
+        // A tenth of a sample each, so that differences are fine; at full rate, then slowing down.
+        for k in 0..12_000_u32 {
+            assert!(clock.set_target(if k < 5000 { 1.0 } else { 0.2 }));
+            let (before, (v, a)) = (last, clock.motion(PERIOD));
+            let q = clock.advance(&mut ring, 0.1 * PERIOD, 0.1).joints.0[0];
+            if k > 2 {
+                let dt = 0.1 * PERIOD;
+                let (velocity, acceleration) =
+                    ((q - before[1]) / (2.0 * dt), (q - 2.0 * before[0] + before[1]) / (dt * dt));
+                assert!((v.0[0] - velocity).abs() < 1e-4, "{k}: {v:?} {velocity}");
+                assert!((a.0[0] - acceleration).abs() < 0.02, "{k}: {a:?} {acceleration}");
+                fastest = fastest.max(velocity);
+            }
+            last = [q, before[0]];
+        }
+        // 15/8 over 2 s.
+        assert!((fastest - 0.9375).abs() < 1e-3, "{fastest}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::arm::Arm;
 use crate::guard::{Quantity, Violation, Workspace, exceeds};
-use crate::ramp::{Ramp, RampLimits};
+use crate::ramp::{Ramp, RampLimits, brakable};
 use crate::units::JointPos;
 use serde::{Deserialize, Serialize};
 
@@ -116,6 +116,40 @@ impl<const N: usize> Correction<N> {
         Ok(())
     }
 
+    /// The next correction on the way to `wanted`: that itself where the limits allow it, else as near as they do, such that the
+    /// way back to rest stays within them too. [`Self::follow`] takes what this gives. `before` is what was wanted a period ago:
+    /// a correction that had to stay behind catches up with a wanted one that moves. Returns with it how far it stays behind
+    /// (rad, m), the most of all joints.
+    ///
+    /// The slope for the coming period is the wanted one plus what closes the gap and can be braken within it
+    /// ([`crate::ramp`]), held inside the limits of speed and acceleration, and to what can be braken before the limit of size.
+    pub fn towards(
+        &self,
+        wanted: &JointPos<N>,
+        before: &JointPos<N>,
+        limits: &CorrectionLimits,
+        period: f64,
+    ) -> (JointPos<N>, f64) {
+        let [size, speed, change] = [limits.size_max, limits.velocity_max, limits.acceleration_max * period]
+            .map(|limit| limit * (1.0 - LIMIT_ROUNDING));
+        let (mut next, mut behind) = (self.offsets(), 0.0_f64);
+        if change <= 0.0 {
+            return (next, wanted.0.iter().fold(behind, |most, wanted| most.max(libm::fabs(*wanted))));
+        }
+        let joints = next.0.iter_mut().zip(&self.joints);
+        for ((value, joint), (&wanted, &before)) in joints.zip(wanted.0.iter().zip(&before.0)) {
+            let now = *value;
+            let room = |distance: f64| brakable(distance.max(0.0), change, period).min(speed);
+            let high = room(size - now).min(joint.velocity + change);
+            let low = (-room(size + now)).max(joint.velocity - change);
+            let gap = before - now;
+            let slope = (wanted - before) / period + libm::copysign(brakable(libm::fabs(gap), change, period), gap);
+            *value = now + slope.min(high).max(low) * period;
+            behind = behind.max(libm::fabs(wanted - *value));
+        }
+        (next, behind)
+    }
+
     /// One period on the way to none.
     pub fn ramp_out(&mut self, limits: &CorrectionLimits, period: f64) {
         let limits = RampLimits { slope_max: limits.velocity_max, curvature_max: limits.acceleration_max };
@@ -126,6 +160,9 @@ impl<const N: usize> Correction<N> {
         }
     }
 }
+
+/// How far inside its limits [`Correction::towards`] stays, so that [`Correction::follow`] takes what it gives whatever is rounded.
+const LIMIT_ROUNDING: f64 = 1e-6;
 
 #[cfg(test)]
 mod tests {
@@ -149,6 +186,48 @@ mod tests {
         assert_eq!(refused(&[], 0.011), Some(Quantity::Position));
         assert_eq!(refused(&[], 1e-4), Some(Quantity::Velocity));
         assert_eq!(refused(&[3e-7], 3e-7 - 2e-7), Some(Quantity::Acceleration));
+    }
+
+    /// Whatever is wanted, steps and noise and waves, what comes out is what [`Correction::follow`] takes; and where the wanted
+    /// keeps the limits by itself, it is what comes out.
+    #[test]
+    fn on_the_way_to_anything_the_limits_are_kept_and_what_keeps_them_comes_out_as_it_is() {
+        let mut seed = 5_u64;
+        let mut random = move || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (seed >> 33) as f64 / (1_u64 << 30) as f64 - 1.0
+        };
+        for period in [0.001, 0.002, 0.008] {
+            let (mut correction, mut before, mut exact) = (Correction::<1>::none(), 0.0, 0);
+            for k in 0..(48.0 / period) as u32 {
+                let t = f64::from(k) * period;
+                let phase = (t / 4.0) as u32 % 6;
+                let wanted = match phase {
+                    0 => 0.008 * libm::sin(2.0 * t),
+                    1 => 0.03 * random(),
+                    2 if k % 300 == 0 => 0.02 * random(),
+                    2 => before,
+                    3 => 0.02 * libm::sin(20.0 * t),
+                    4 => 0.0,
+                    _ => -0.5,
+                };
+                let (next, behind) = correction.towards(&JointPos([wanted]), &JointPos([before]), &LIMITS, period);
+                correction.follow(&next, &LIMITS, period).unwrap_or_else(|error| panic!("{k}: {error:?}"));
+                assert!((behind - libm::fabs(wanted - next.0[0])).abs() < 1e-15);
+                // Three seconds to catch up with a wave whose speed is 80 %, its acceleration 32 % of the limits.
+                if phase == 0 && t % 4.0 > 3.0 {
+                    assert!(behind < 1e-12, "{k}: {behind}");
+                    exact += 1;
+                }
+                before = wanted;
+            }
+            assert!(exact > 200, "{exact}");
+        }
+        let none = Correction::<1>::none();
+        assert_eq!(
+            none.towards(&JointPos([0.1]), &JointPos([0.1]), &CorrectionLimits::NONE, PERIOD),
+            (JointPos([0.0]), 0.1)
+        );
     }
 
     #[test]

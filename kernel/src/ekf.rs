@@ -194,19 +194,9 @@ impl<const N: usize> Ekf<N> {
         s: &[[f64; M]; M],
         y: &[f64; M],
     ) -> Result<Verdict, EkfError> {
-        let gate = const { GATES[M - 1] };
-        let root = Root::of(s)?;
-        root.whiten(rows);
-        let e = root.whitened(y);
-        let mut nis = 0.0;
-        for e in e {
-            nis += e * e;
-        }
-        if !nis.is_finite() {
-            return Err(EkfError::NotFinite);
-        }
-        if nis > gate {
-            return Ok(Verdict::Gated { nis, gate });
+        let (verdict, e) = judge(rows, s, y)?;
+        if !verdict.is_taken() {
+            return Ok(verdict);
         }
         let State { position, velocity, acceleration } = &mut self.state;
         for ([q, v, a], e) in rows.iter().zip(e) {
@@ -215,13 +205,35 @@ impl<const N: usize> Ekf<N> {
             add(&mut acceleration.0, a, e);
         }
         self.covariance.reduce(rows);
-        Ok(Verdict::Taken { nis })
+        Ok(verdict)
     }
+}
+
+/// Whitens `rows` = H·P, each in D pieces, and the innovation y by S = UᵀU, of which the upper triangle is read, and holds the
+/// innovation against its gate. Returns the verdict and e = U⁻ᵀ·y.
+#[inline(always)]
+pub(crate) fn judge<const N: usize, const D: usize, const M: usize>(
+    rows: &mut [[[f64; N]; D]; M],
+    s: &[[f64; M]; M],
+    y: &[f64; M],
+) -> Result<(Verdict, [f64; M]), EkfError> {
+    let gate = const { GATES[M - 1] };
+    let root = Root::of(s)?;
+    root.whiten(rows);
+    let e = root.whitened(y);
+    let mut nis = 0.0;
+    for e in e {
+        nis += e * e;
+    }
+    if !nis.is_finite() {
+        return Err(EkfError::NotFinite);
+    }
+    Ok((if nis > gate { Verdict::Gated { nis, gate } } else { Verdict::Taken { nis } }, e))
 }
 
 /// a ← a + factor·b.
 #[inline(always)]
-fn add<const K: usize>(a: &mut [f64; K], b: &[f64; K], factor: f64) {
+pub(crate) fn add<const K: usize>(a: &mut [f64; K], b: &[f64; K], factor: f64) {
     for (a, b) in a.iter_mut().zip(b) {
         *a += factor * b;
     }
@@ -229,7 +241,7 @@ fn add<const K: usize>(a: &mut [f64; K], b: &[f64; K], factor: f64) {
 
 /// Whether all are finite and more than zero.
 #[inline(always)]
-fn positive(values: &[f64]) -> Result<(), EkfError> {
+pub(crate) fn positive(values: &[f64]) -> Result<(), EkfError> {
     for &value in values {
         if !(value > 0.0 && value.is_finite()) {
             return Err(EkfError::Noise { value });

@@ -8,6 +8,21 @@
 /// - a = Δ²q₀ − Δ⁴q₀/3. On cubics every weight of Δ⁴ does; 1/12 would follow quartics too, but make up to 7 times the
 ///   samples' jerk where that jumps. 1/3 keeps it below 4 ([`JERK_GAIN`]); no interpolant can keep it below 3 (Favard).
 pub fn interpolate(q: [f64; 6], t: f64) -> f64 {
+    let [c0, c1, c2, c3, c4, c5] = coefficients(q);
+    c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))))
+}
+
+/// First and second derivative of [`interpolate`] at `t`, per sample period and its square.
+pub fn slopes(q: [f64; 6], t: f64) -> [f64; 2] {
+    let [_, c1, c2, c3, c4, c5] = coefficients(q);
+    [
+        c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * (5.0 * c5)))),
+        2.0 * c2 + t * (6.0 * c3 + t * (12.0 * c4 + t * (20.0 * c5))),
+    ]
+}
+
+/// The quintic's coefficients, of t⁰ first.
+fn coefficients(q: [f64; 6]) -> [f64; 6] {
     let [q0, q1, q2, q3, q4, q5] = q;
     let [d0, d1, step, d3, d4] = [q1 - q0, q2 - q1, q3 - q2, q4 - q3, q5 - q4];
     let [j0, j1, j2] = [step - d1 - (d1 - d0), d3 - step - (step - d1), d4 - d3 - (d3 - step)];
@@ -18,7 +33,7 @@ pub fn interpolate(q: [f64; 6], t: f64) -> f64 {
     let c3 = 10.0 * step - 6.0 * v1 - 4.0 * v2 - 1.5 * a1 + 0.5 * a2;
     let c4 = -15.0 * step + 8.0 * v1 + 7.0 * v2 + 1.5 * a1 - a2;
     let c5 = 6.0 * step - 3.0 * (v1 + v2) - 0.5 * (a1 - a2);
-    q2 + t * (v1 + t * (0.5 * a1 + t * (c3 + t * (c4 + t * c5))))
+    [q2, v1, 0.5 * a1, c3, c4, c5]
 }
 
 // With V, A and J the largest first, second and third differences of any samples over their period T, everywhere between
@@ -66,6 +81,19 @@ mod tests {
             assert!(libm::fabs(left[k] - right[k]) < tolerance, "derivative {k}: {} and {}", left[k], right[k]);
         }
         assert_eq!((interpolate(piece(0), 0.0), interpolate(piece(1), 0.0)), (rough[2], rough[3]));
+    }
+
+    #[test]
+    fn slopes_are_those_of_the_quintic() {
+        let q = [0.3, -0.2, 0.5, 0.1, 0.9, -0.4];
+        for t in [0.0, 0.2, 0.5, 0.7, 1.0] {
+            let [_, v, a, _] = derivatives(q, t);
+            let [first, second] = slopes(q, t);
+            assert!((first - v).abs() < 1e-4 && (second - a).abs() < 1e-4, "{t}: {first} {v}, {second} {a}");
+        }
+        // Of x² at sample k, period 1: 2·(k − 2 + t) and 2.
+        let [first, second] = slopes(core::array::from_fn(|k| (k as f64 - 2.0) * (k as f64 - 2.0)), 0.25);
+        assert!((first - 0.5).abs() < 1e-14 && (second - 2.0).abs() < 1e-13);
     }
 
     #[test]

@@ -4,10 +4,15 @@
 
 pub mod arm;
 pub mod arms;
+pub mod base;
 pub mod clock;
+pub mod closed_loop;
 pub mod config;
+pub mod control;
 pub mod correction;
+pub mod delay;
 pub mod dexterity;
+pub mod drive;
 pub mod ekf;
 pub mod fault;
 pub mod frame;
@@ -15,6 +20,7 @@ pub mod guard;
 pub mod ik;
 pub mod interpolate;
 pub mod mode;
+pub mod pid;
 pub mod pose;
 pub mod ramp;
 pub mod registration;

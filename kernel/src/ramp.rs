@@ -39,10 +39,7 @@ impl Ramp {
         let Self { value, slope } = *self;
         let change = limits.curvature_max * period;
         let ahead = target - value - 0.5 * slope * period;
-        let distance = libm::fabs(ahead);
-        // n(n+1)/2 ≥ distance/(c·h): how many steps of braking fit.
-        let steps = libm::ceil(0.5 * (libm::sqrt(1.0 + 8.0 * distance / (change * period)) - 1.0)).max(1.0);
-        let wanted = (distance / period + 0.5 * change * steps * (steps - 1.0)) / steps;
+        let wanted = brakable(libm::fabs(ahead), change, period);
         let wanted = libm::copysign(wanted.min(limits.slope_max), ahead);
         self.slope = slope + (wanted - slope).max(-change).min(change);
         self.value = value + 0.5 * (slope + self.slope) * period;
@@ -51,6 +48,14 @@ impl Ramp {
         }
         value + period * (slope / 3.0 + self.slope / 6.0)
     }
+}
+
+/// The largest slope from which `distance` is enough to brake in steps of `change`, one a period, the last one shorter, when
+/// the slope of a period moves the value by slope · period: see [`Ramp::step`].
+pub(crate) fn brakable(distance: f64, change: f64, period: f64) -> f64 {
+    // n(n+1)/2 ≥ distance/(c·h): how many steps of braking fit.
+    let steps = libm::ceil(0.5 * (libm::sqrt(1.0 + 8.0 * distance / (change * period)) - 1.0)).max(1.0);
+    (distance / period + 0.5 * change * steps * (steps - 1.0)) / steps
 }
 
 /// Nearer than this to the target, all that is left is rounding.

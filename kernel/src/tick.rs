@@ -5,13 +5,13 @@ mod obey;
 use crate::arm::Arm;
 use crate::clock::{PathClock, Played};
 use crate::config::Config;
-use crate::correction::Correction;
+use crate::correction::{Correction, CorrectionLimits};
 use crate::fault::Fault;
 use crate::frame::{self, FaultReport, FrameError, FromKernel, Reader, Status, ToKernel};
-use crate::guard::{Differences, Violation, exceeds};
+use crate::guard::{Differences, Periods, Violation, exceeds};
 use crate::mode::{Event, Mode, StopCause};
 use crate::ring::Ring;
-use crate::units::{JointPos, Nanos, Tick};
+use crate::units::{JointAcc, JointPos, JointVel, Nanos, Tick};
 use obey::Incoming;
 
 /// Most bytes taken between two ticks; what is over waits with the caller. One longest frame: the setpoints that can be
@@ -44,6 +44,27 @@ impl<const N: usize> Sensors<N> {
     pub const fn robot(actual: JointPos<N>, ready: bool) -> Self {
         Self { actual, estimate: None, correction: None, ready }
     }
+}
+
+/// What the path asks for at a tick, for whoever corrects it.
+#[derive(Clone, Copy, Debug)]
+pub struct Reference<const N: usize> {
+    /// The path (rad or m).
+    pub joints: JointPos<N>,
+    /// How it moves.
+    pub velocity: JointVel<N>,
+    /// How that changes.
+    pub acceleration: JointAcc<N>,
+    /// Whether it is one along which material is laid.
+    pub deposit: bool,
+    /// Whether the path is being played; else it stands.
+    pub plays: bool,
+    /// The correction in what was sent last.
+    pub correction: Correction<N>,
+    /// What the next one has to keep.
+    pub limits: CorrectionLimits,
+    /// From tick to tick (s).
+    pub period: f64,
 }
 
 /// What is to happen at this cycle.
@@ -184,12 +205,24 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
 
     /// One cycle, begun at `now` on a monotonic clock. Bounded work, no allocation, no panic.
     pub fn tick(&mut self, now: Nanos, sensors: &Sensors<N>) -> Command<N> {
+        self.tick_corrected(now, sensors, |_| Ok(sensors.correction))
+    }
+
+    /// The same, the correction being found by `correct` from what the path asks for at this tick ([`Sensors::correction`] says
+    /// nothing then). `None` takes the correction under way out, and so does a fault, which stops as one of the kernel's own. It
+    /// is not asked while the kernel is unready or faulted, nor while it stops for a fault.
+    pub fn tick_corrected(
+        &mut self,
+        now: Nanos,
+        sensors: &Sensors<N>,
+        correct: impl FnOnce(&Reference<N>) -> Result<Option<JointPos<N>>, Fault>,
+    ) -> Command<N> {
         self.budget = RECEIVE_MAX;
         let state = &mut self.state;
         state.tick.0 = state.tick.0.saturating_add(1);
         state.keep_time(now);
         state.observe(sensors);
-        state.play(sensors.correction.as_ref());
+        state.play(correct);
         state.settle();
         state.report();
         state.command()
@@ -278,30 +311,35 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     }
 
     /// Moves the path clock on, corrects what it gives, and passes that through the last gate.
-    fn play(&mut self, correction: Option<&JointPos<N>>) {
+    fn play(&mut self, correct: impl FnOnce(&Reference<N>) -> Result<Option<JointPos<N>>, Fault>) {
         let Some(config) = self.config.as_ref() else { return };
         let (output, periods, limits) = (config.output, config.periods, config.correction);
         if matches!(self.mode, Mode::Unready | Mode::Faulted { .. }) {
             return;
         }
-        if matches!(self.mode, Mode::Moving | Mode::Stopping { .. }) {
+        let plays = matches!(self.mode, Mode::Moving | Mode::Stopping { .. });
+        if plays {
             self.path = self.clock.advance(&mut self.ring, periods.tick, periods.tick / periods.sample);
         }
         let before = self.correction;
-        let followed = match correction {
-            Some(wanted) if self.mode.fault().is_none() => self
-                .correction
-                .follow(wanted, &limits, periods.tick)
-                .and_then(|()| self.correction.check(&self.path.joints, &config.workspace, &self.arm)),
-            _ => {
-                self.correction.ramp_out(&limits, periods.tick);
-                Ok(())
-            }
-        };
-        if let Err(Violation { quantity, joint, value, limit }) = followed {
+        let wanted =
+            if self.mode.fault().is_none() { correct(&self.reference(periods, limits, plays)) } else { Ok(None) };
+        let followed = wanted.and_then(|wanted| {
+            let Some(wanted) = wanted else { return Ok(false) };
+            let followed = self.correction.follow(&wanted, &limits, periods.tick);
+            let inside = followed.and_then(|()| self.correction.check(&self.path.joints, &config.workspace, &self.arm));
+            let fault =
+                |Violation { quantity, joint, value, limit }| Fault::Correction { quantity, joint, value, limit };
+            inside.map(|()| true).map_err(fault)
+        });
+        if followed.is_err() {
             self.correction = before;
+        }
+        if !matches!(followed, Ok(true)) {
             self.correction.ramp_out(&limits, periods.tick);
-            self.change(Event::Fault(Fault::Correction { quantity, joint, value, limit }));
+        }
+        if let Err(fault) = followed {
+            self.change(Event::Fault(fault));
         }
         let joints = self.correction.applied_to(&self.path.joints);
         // What is already there needs no leave to stay: an arm that was found outside its limits may stand.
@@ -312,6 +350,14 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             Ok(()) => self.output = joints,
             Err(violation) => self.hold(violation),
         }
+    }
+
+    fn reference(&self, periods: Periods, limits: CorrectionLimits, plays: bool) -> Reference<N> {
+        let (velocity, acceleration) =
+            if plays { self.clock.motion(periods.sample) } else { (JointVel::ZERO, JointAcc::ZERO) };
+        let Played { joints, deposit, .. } = self.path;
+        let period = periods.tick;
+        Reference { joints, velocity, acceleration, deposit, plays, correction: self.correction, limits, period }
     }
 
     /// Holds the last good output: there is nothing better left to do.

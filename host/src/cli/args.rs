@@ -47,6 +47,16 @@ pub struct DemoArgs {
 pub enum BenchCommand {
     /// Filter a noisy pose, half of it missing, as figure 6 of the KRAKEN paper does
     Fig6(Fig6Args),
+    /// Print the demo's wall on a servo that is not what the cell file says, with its lag compensated and without
+    Servoj(JsonArgs),
+}
+
+/// The figures of a bench
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct JsonArgs {
+    /// The table as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `screed bench fig6`

@@ -3,12 +3,14 @@
 use super::args::{BenchCommand, Fig6Args};
 use super::say;
 use crate::bench::fig6::{self, Case, DENSITIES, Fig6Error, Score, SetUp, plot, report};
+use crate::bench::servoj::{self, ServojError};
 use crate::failure::{Exit, Failure};
 
 /// Runs one of the published experiments.
 pub fn run(command: &BenchCommand) -> Result<(), Failure> {
     match command {
         BenchCommand::Fig6(args) => fig6(args),
+        BenchCommand::Servoj(args) => servoj(args.json),
     }
 }
 
@@ -36,6 +38,12 @@ fn fig6(args: &Fig6Args) -> Result<(), Failure> {
         })?;
     }
     say(&if args.json { format!("{}\n", report::json(&scores)) } else { report::table(&scores) })
+}
+
+fn servoj(json: bool) -> Result<(), Failure> {
+    let score = |case| Ok((case, servoj::run(&case)?));
+    let scores = servoj::cases().into_iter().map(score).collect::<Result<Vec<_>, ServojError>>()?;
+    say(&if json { format!("{}\n", servoj::report::json(&scores)) } else { servoj::report::table(&scores) })
 }
 
 impl From<Fig6Error> for Failure {

@@ -44,6 +44,7 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
         limits: limits?,
         travel: travel?,
         link: link?,
+        lead: None,
         extruder: extruder?,
         realtime: realtime?,
     })

@@ -4,9 +4,11 @@
 use crate::config::Cell;
 use crate::link::extruder::{ExtruderError, ExtruderLine};
 use crate::link::rtde::{Event, LinkError, RobotState, RtdeClient, TextLevel};
+use screed_kernel::closed_loop::{ClosedLoop, LoopError, Tracked};
+use screed_kernel::control::Report;
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, CycleRecord, FromKernel, NOTE_MAX};
-use screed_kernel::tick::{Kernel, Sensors, TRANSMIT_MAX};
+use screed_kernel::tick::{Command, Kernel, Sensors, TRANSMIT_MAX};
 use screed_kernel::units::Nanos;
 use std::fmt::Display;
 
@@ -34,11 +36,18 @@ pub enum CoreError {
     /// The extruder's line.
     #[error(transparent)]
     Extruder(#[from] ExtruderError),
+    /// The loop.
+    #[error("the lead cannot be: {0:?}; correct [lead] and [link] in the cell file")]
+    Lead(LoopError),
 }
 
 /// The real-time process as a state machine.
 pub struct Core {
     kernel: Box<Kernel<6, RING>>,
+    /// Where the cell wants the servo's lag compensated.
+    lead: Option<Box<ClosedLoop<6>>>,
+    /// What was commanded last, and what the loop says of it.
+    command: Option<(Command<6>, Report)>,
     robot: RtdeClient,
     extruder: ExtruderLine,
     /// Bytes for the host that are not on the wire yet.
@@ -69,6 +78,8 @@ impl Core {
         let robot = RtdeClient::new(&cell.robot.arm, cell.link.rate_hz, cell.link.register_offset, timeout_ns)?;
         Ok(Self {
             kernel: Box::new(Kernel::new(&cell.robot.arm)),
+            lead: cell.closed_loop().map_err(CoreError::Lead)?.map(Box::new),
+            command: None,
             robot,
             extruder: ExtruderLine::new(cell.extruder.flow_max, timeout_ns)?,
             telemetry: Vec::with_capacity(TELEMETRY_MAX),
@@ -181,6 +192,21 @@ impl Core {
         }
     }
 
+    /// What was commanded in the last cycle, and what the loop says of it.
+    pub const fn last_command(&self) -> Option<&(Command<6>, Report)> {
+        self.command.as_ref()
+    }
+
+    /// Cycles so far in which the kernel ticked.
+    pub fn ticks(&self) -> u64 {
+        self.kernel.status().tick
+    }
+
+    /// The loop, where the cell wants one.
+    pub fn lead(&self) -> Option<&ClosedLoop<6>> {
+        self.lead.as_deref()
+    }
+
     /// Whether the host asked the process to end and the arm is at rest.
     pub fn may_quit(&self) -> bool {
         self.kernel.may_quit()
@@ -222,7 +248,12 @@ impl Core {
             && state.safety_status_bits & SAFETY_MOVING != 0
             && self.extruder.status().ready;
         self.watch_readiness(now, state, ready);
-        let command = self.kernel.tick(now, &Sensors::robot(state.actual_q, ready));
+        let sensors = Sensors::robot(state.actual_q, ready);
+        let (command, report) = match &mut self.lead {
+            Some(lead) => lead.tick(&mut self.kernel, now, &sensors, &Tracked::none()),
+            None => (self.kernel.tick(now, &sensors), Report::default()),
+        };
+        self.command = Some((command, report));
         if let Some(joints) = command.joints {
             self.package = self.package.wrapping_add(1);
             self.robot.send_setpoint(self.package, &joints)?;

@@ -69,6 +69,16 @@ impl World {
         self.now.0 as f64 * 1e-9
     }
 
+    /// The real-time process' machine.
+    pub const fn core(&self) -> &Core {
+        &self.core
+    }
+
+    /// The robot.
+    pub const fn controller(&self) -> &Controller {
+        &self.controller
+    }
+
     /// One cycle of the robot, with everything that follows from it.
     ///
     /// # Errors

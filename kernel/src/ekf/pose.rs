@@ -93,13 +93,13 @@ impl<const N: usize> Ekf<N> {
 /// filters add such a term to R (Jazwinski, "Stochastic Processes and Filtering Theory", 1970, 9.3); next to nothing for a filter
 /// that follows, it keeps one that was uncertain from believing its first pose too much, and from gating what comes after.
 #[inline(always)]
-fn bend(s: &[[f64; 6]; 6]) -> [f64; 2] {
+pub(crate) fn bend(s: &[[f64; 6]; 6]) -> [f64; 2] {
     let (way, turn) = (s[0][0] + s[1][1] + s[2][2], s[3][3] + s[4][4] + s[5][5]);
     [0.25 * way * turn, 0.25 * turn * turn]
 }
 
 /// Whether it is orthonormal, and finite with it.
-fn rotation_is_sound(rotation: &Matrix3<f64>) -> Result<(), EkfError> {
+pub(crate) fn rotation_is_sound(rotation: &Matrix3<f64>) -> Result<(), EkfError> {
     for miss in (rotation.tr_mul(rotation) - Matrix3::identity()).iter() {
         let miss = libm::fabs(*miss);
         if miss.is_nan() || miss > ORTHONORMAL {

@@ -1,6 +1,5 @@
 //! Cholesky's root of an innovation's covariance, and what it whitens.
 
-use super::covariance::Rows;
 use super::{EkfError, add};
 
 /// U of S = UᵀU, upper triangular (Golub and Van Loan, "Matrix Computations", 4.2).
@@ -34,19 +33,19 @@ impl<const M: usize> Root<M> {
         Ok(Self { upper })
     }
 
-    /// rows ← U⁻ᵀ·rows.
+    /// rows ← U⁻ᵀ·rows, each row in D pieces.
     #[inline(always)]
-    pub(super) fn whiten<const N: usize>(&self, rows: &mut Rows<N, M>) {
+    pub(super) fn whiten<const N: usize, const D: usize>(&self, rows: &mut [[[f64; N]; D]; M]) {
         for k in 0..M {
-            let [mut q, mut v, mut a] = rows[k];
+            let mut row = rows[k];
             for i in 0..k {
                 let factor = -self.upper[i][k];
-                add(&mut q, &rows[i][0], factor);
-                add(&mut v, &rows[i][1], factor);
-                add(&mut a, &rows[i][2], factor);
+                for (piece, other) in row.iter_mut().zip(&rows[i]) {
+                    add(piece, other, factor);
+                }
             }
             let scale = self.upper[k][k];
-            rows[k] = [q, v, a].map(|piece| piece.map(|value| scale * value));
+            rows[k] = row.map(|piece| piece.map(|value| scale * value));
         }
     }
 

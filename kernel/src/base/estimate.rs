@@ -1,0 +1,343 @@
+//! The filter of the base's displacement: 12 states, translation of the pivot, rotation vector, and their rates, all in the
+//! nominal base frame.
+//!
+//! Rates are first-order Gauss–Markov processes, ẇ = −w/τ + white noise: they have a standard deviation, last for τ, and fade
+//! over a dropout instead of carrying the base away (Gelb, "Applied Optimal Estimation", 1974, 3.8). Rotation is an error state
+//! to the left, R = exp(δ)·R̂ (Trawny and Roumeliotis 2005), folded into the rotation vector after each step: a displacement
+//! turns by milliradians, so that δ's transition is taken as the identity.
+
+// In matrices an index says more than a chain of iterators does.
+#![allow(clippy::needless_range_loop)]
+
+use super::{BaseConfig, seconds};
+use crate::arm::Arm;
+use crate::ekf::covariance::Block;
+use crate::ekf::pose::{bend, rotation_is_sound};
+use crate::ekf::{EkfError, Verdict, add, judge, positive};
+use crate::pose::Pose;
+use crate::units::{JointPos, Nanos};
+use nalgebra::{Matrix3, Vector3};
+
+/// How the base moves when it does: what tells it from the arm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drift {
+    /// Standard deviation of the pivot's speed along each axis (m/s).
+    pub speed: f64,
+    /// Standard deviation of the turn rate about each axis (rad/s).
+    pub turn_rate: f64,
+    /// For how long a rate lasts: its correlation is exp(−t/time) (s).
+    pub time: f64,
+}
+
+/// A pose and the raw encoders of the same instant ([`super::history`] finds them).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measurement<const N: usize> {
+    /// When.
+    pub at: Nanos,
+    /// What the tracker measured.
+    pub tracker_from_target: Pose,
+    /// Standard deviation of its position, the same along each axis (m).
+    pub position_deviation: f64,
+    /// Standard deviation of its rotation vector, the same about each axis (rad).
+    pub rotation_deviation: f64,
+    /// Raw encoders (rad, m).
+    pub joints: JointPos<N>,
+    /// Standard deviations of what the links do beside the encoders, joint by joint: noise, play, vibration (rad, m). They
+    /// act through the arm's levers.
+    pub joint_deviation: JointPos<N>,
+}
+
+/// A small motion, or its rate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Displacement {
+    /// Of the pivot (m, m/s).
+    pub translation: Vector3<f64>,
+    /// Rotation vector (rad), turn rate (rad/s).
+    pub rotation: Vector3<f64>,
+}
+
+impl Displacement {
+    /// None.
+    pub fn zero() -> Self {
+        Self { translation: Vector3::zeros(), rotation: Vector3::zeros() }
+    }
+
+    /// As a pose: x ↦ R·(x − pivot) + pivot + translation.
+    pub fn pose(&self, pivot: &Vector3<f64>) -> Pose {
+        let turn = Pose::from_rotation_vector(Vector3::zeros(), self.rotation);
+        Pose { translation: pivot + self.translation - turn.rotation * pivot, ..turn }
+    }
+
+    /// Moved on by `factor` times a rate, the rotation on the left.
+    fn moved(&self, rate: &Self, factor: f64) -> Self {
+        let turn = |vector| Pose::from_rotation_vector(Vector3::zeros(), vector);
+        Self {
+            translation: self.translation + rate.translation * factor,
+            rotation: (turn(rate.rotation * factor) * turn(self.rotation)).rotation_vector(),
+        }
+    }
+
+    fn of([x, y, z, a, b, c]: &[f64; 6]) -> Self {
+        Self { translation: Vector3::new(*x, *y, *z), rotation: Vector3::new(*a, *b, *c) }
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        Self { translation: self.translation + other.translation, rotation: self.rotation + other.rotation }
+    }
+
+    fn scaled(&self, factor: f64) -> Self {
+        Self { translation: self.translation * factor, rotation: self.rotation * factor }
+    }
+
+    fn is_finite(&self) -> bool {
+        self.translation.iter().chain(self.rotation.iter()).all(|value| value.is_finite())
+    }
+}
+
+/// P in blocks, symmetric: displacement with displacement, displacement (rows) with rates, rates with rates; in each,
+/// translation before rotation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Covariance {
+    /// m², m·rad, rad²
+    pub xx: Block<6>,
+    /// The same per second.
+    pub xv: Block<6>,
+    /// The same per second squared.
+    pub vv: Block<6>,
+}
+
+/// A measurement as the filter wants it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Seen {
+    pub at: Nanos,
+    nominal_from_target: Pose,
+    /// By forward kinematics, in the arm's own base.
+    base_from_target: Pose,
+    /// What turns the second's rotation into the first's.
+    rotation: Matrix3<f64>,
+    /// R, along and about the nominal base's axes: the tracker's noise, and the joints' through their levers.
+    noise: Block<6>,
+}
+
+impl Seen {
+    pub fn of<const N: usize>(
+        arm: &Arm<N>,
+        measurement: &Measurement<N>,
+        nominal_from_tracker: &Pose,
+        config: &BaseConfig,
+    ) -> Result<Self, EkfError> {
+        let (place, turn) = (measurement.position_deviation, measurement.rotation_deviation);
+        positive(&[place, turn])?;
+        positive(&measurement.joint_deviation.0)?;
+        if !(measurement.joints.is_finite() && measurement.tracker_from_target.is_finite()) {
+            return Err(EkfError::NotFinite);
+        }
+        rotation_is_sound(&measurement.tracker_from_target.rotation)?;
+        let (base_from_flange, jacobian) = arm.jacobian(&measurement.joints);
+        let base_from_target = base_from_flange * config.flange_from_target;
+        let nominal_from_target = *nominal_from_tracker * measurement.tracker_from_target;
+        let rotation = nominal_from_target.rotation * base_from_target.rotation.transpose();
+        let lever = base_from_target.translation - base_from_flange.translation;
+        let mut noise = [[0.0; 6]; 6];
+        for (k, deviation) in (0..6).zip([place, place, place, turn, turn, turn]) {
+            noise[k][k] = deviation * deviation;
+        }
+        let joints = jacobian.data.0.iter().zip(&measurement.joint_deviation.0);
+        for ([vx, vy, vz, wx, wy, wz], deviation) in joints {
+            let angular = Vector3::new(*wx, *wy, *wz);
+            let linear = Vector3::new(*vx, *vy, *vz) + angular.cross(&lever);
+            let (v, w) = (rotation * linear * *deviation, rotation * angular * *deviation);
+            let column = [v.x, v.y, v.z, w.x, w.y, w.z];
+            for (row, factor) in noise.iter_mut().zip(column) {
+                add(row, &column, factor);
+            }
+        }
+        Ok(Self { at: measurement.at, nominal_from_target, base_from_target, rotation, noise })
+    }
+}
+
+/// The displacement and how good it is, as of the last measurement that it took.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    at: Nanos,
+    displacement: Displacement,
+    rate: Displacement,
+    covariance: Covariance,
+}
+
+impl Estimate {
+    /// When it is true: the stamp of the last measurement that it took.
+    pub const fn at(&self) -> Nanos {
+        self.at
+    }
+
+    /// Of the pivot, and rotation.
+    pub const fn displacement(&self) -> &Displacement {
+        &self.displacement
+    }
+
+    /// m/s, rad/s
+    pub const fn rate(&self) -> &Displacement {
+        &self.rate
+    }
+
+    /// How good it is.
+    pub const fn covariance(&self) -> &Covariance {
+        &self.covariance
+    }
+
+    /// What one measurement tells: the displacement that it needs, as uncertain as the measurement is; a rate of zero, as
+    /// uncertain as any.
+    pub(super) fn alone(seen: &Seen, config: &BaseConfig) -> Result<Self, EkfError> {
+        let lever = seen.rotation * (seen.base_from_target.translation - config.pivot);
+        let turn = Pose { rotation: seen.rotation, translation: Vector3::zeros() };
+        let displacement = Displacement {
+            translation: seen.nominal_from_target.translation - config.pivot - lever,
+            rotation: turn.rotation_vector(),
+        };
+        if !displacement.is_finite() {
+            return Err(EkfError::NotFinite);
+        }
+        // P = H⁻¹·R·H⁻ᵀ; H⁻¹ is H with the lever the other way round.
+        let inverse = columns(&-lever);
+        let mut xx = transposed_product(&product(&inverse, &seen.noise), &inverse);
+        for i in 0..6 {
+            for j in 0..i {
+                xx[i][j] = xx[j][i];
+            }
+        }
+        let Drift { speed, turn_rate, .. } = config.drift;
+        let mut vv = [[0.0; 6]; 6];
+        for (k, deviation) in (0..6).zip([speed, speed, speed, turn_rate, turn_rate, turn_rate]) {
+            vv[k][k] = deviation * deviation;
+        }
+        let covariance = Covariance { xx, xv: [[0.0; 6]; 6], vv };
+        Ok(Self { at: seen.at, displacement, rate: Displacement::zero(), covariance })
+    }
+
+    /// Displacement and rates at a later time, if nothing is measured until then.
+    pub(super) fn ahead(&self, at: Nanos, drift: &Drift) -> (Displacement, Displacement) {
+        let lost = -libm::expm1(-seconds(self.at, at) / drift.time);
+        (self.displacement.moved(&self.rate, drift.time * lost), self.rate.scaled(1.0 - lost))
+    }
+
+    /// The estimate at the measurement's stamp, moved towards it if that is not gated.
+    ///
+    /// The innovation is that of the target, where the noise is simple: the difference of positions, and the rotation vector
+    /// of R_measured·R_expectedᵀ. The target lies at the pivot plus a lever r that turns with the base, so that
+    /// H = \[I, −\[r\]×, 0, 0; 0, I, 0, 0\].
+    pub(super) fn with(&self, seen: &Seen, config: &BaseConfig) -> Result<(Self, Verdict), EkfError> {
+        let mut next = *self;
+        next.at = seen.at;
+        (next.displacement, next.rate) = self.ahead(seen.at, &config.drift);
+        next.covariance.step(seconds(self.at, seen.at), &config.drift);
+        let turn = Pose::from_rotation_vector(Vector3::zeros(), next.displacement.rotation).rotation;
+        let lever = turn * (seen.base_from_target.translation - config.pivot);
+        let expected = config.pivot + next.displacement.translation + lever;
+        let place = seen.nominal_from_target.translation - expected;
+        let miss = Pose { rotation: seen.rotation * turn.transpose(), translation: place };
+        let rotation = miss.rotation_vector();
+        let y = [place.x, place.y, place.z, rotation.x, rotation.y, rotation.z];
+        let columns = columns(&lever);
+        let (hx, hv) = (product(&columns, &next.covariance.xx), product(&columns, &next.covariance.xv));
+        let mut s = transposed_product(&hx, &columns);
+        let [bend_place, bend_turn] = bend(&s);
+        for (k, bend) in (0..6).zip([bend_place, bend_place, bend_place, bend_turn, bend_turn, bend_turn]) {
+            add(&mut s[k], &seen.noise[k], 1.0);
+            s[k][k] += bend;
+        }
+        let mut rows: [[[f64; 6]; 2]; 6] = core::array::from_fn(|k| [hx[k], hv[k]]);
+        let (verdict, e) = judge(&mut rows, &s, &y)?;
+        if verdict.is_taken() {
+            let (mut step, mut faster) = ([0.0; 6], [0.0; 6]);
+            for ([x, v], e) in rows.iter().zip(e) {
+                add(&mut step, x, e);
+                add(&mut faster, v, e);
+            }
+            next.displacement = next.displacement.moved(&Displacement::of(&step), 1.0);
+            next.rate = next.rate.plus(&Displacement::of(&faster));
+            next.covariance.reduce(&rows);
+        }
+        Ok((next, verdict))
+    }
+}
+
+impl Covariance {
+    /// P ← F·P·Fᵀ + Q over `dt` s, F = \[I, a·I; 0, φ·I\] with φ = exp(−dt/τ) and a = τ·(1 − φ).
+    fn step(&mut self, dt: f64, drift: &Drift) {
+        let Self { xx, xv, vv } = self;
+        let (u, lost) = (dt / drift.time, -libm::expm1(-dt / drift.time));
+        let (a, kept) = (drift.time * lost, 1.0 - lost);
+        for i in 0..6 {
+            for j in i..6 {
+                let sum = xx[i][j] + a * (xv[i][j] + xv[j][i]) + a * a * vv[i][j];
+                xx[i][j] = sum;
+                xx[j][i] = sum;
+            }
+        }
+        for i in 0..6 {
+            for j in 0..6 {
+                xv[i][j] = kept * (xv[i][j] + a * vv[i][j]);
+                vv[i][j] *= kept * kept;
+            }
+        }
+        // With σ² the variance of a rate: ∫∫ of its correlation. The first is the difference of nearly equal numbers when u is
+        // small, so it has a series: Σ (−1)ⁿ⁺¹·(2ⁿ − 4)/n!·uⁿ from 3 on.
+        let series = 2.0 / 3.0 - u * (0.5 - u * (7.0 / 30.0 - u * (1.0 / 12.0 - u * (31.0 / 1260.0 - u / 160.0))));
+        let wandered = if u < 0.02 { u * u * u * series } else { 2.0 * u - 2.0 * lost - lost * lost };
+        for (k, deviation) in
+            (0..6).zip([drift.speed, drift.speed, drift.speed, drift.turn_rate, drift.turn_rate, drift.turn_rate])
+        {
+            let variance = deviation * deviation;
+            xx[k][k] += variance * drift.time * drift.time * wandered;
+            xv[k][k] += variance * drift.time * lost * lost;
+            vv[k][k] += variance * lost * (2.0 - lost);
+        }
+    }
+
+    /// P ← P − WᵀW.
+    fn reduce(&mut self, w: &[[[f64; 6]; 2]; 6]) {
+        for i in 0..6 {
+            for [x, v] in w {
+                add(&mut self.xx[i], x, -x[i]);
+                add(&mut self.xv[i], v, -x[i]);
+                add(&mut self.vv[i], v, -v[i]);
+            }
+        }
+    }
+}
+
+/// H by columns: what a translation along each axis, and a rotation about each, does to a point at that lever.
+fn columns(lever: &Vector3<f64>) -> Block<6> {
+    let r = lever;
+    [
+        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        [0.0, -r.z, r.y, 1.0, 0.0, 0.0],
+        [r.z, 0.0, -r.x, 0.0, 1.0, 0.0],
+        [-r.y, r.x, 0.0, 0.0, 0.0, 1.0],
+    ]
+}
+
+/// H·B, H given by its columns.
+fn product(columns: &Block<6>, block: &Block<6>) -> Block<6> {
+    let mut product = [[0.0; 6]; 6];
+    for (k, row) in product.iter_mut().enumerate() {
+        for (column, other) in columns.iter().zip(block) {
+            add(row, other, column[k]);
+        }
+    }
+    product
+}
+
+/// B·Hᵀ, H given by its columns.
+fn transposed_product(block: &Block<6>, columns: &Block<6>) -> Block<6> {
+    let mut product = [[0.0; 6]; 6];
+    for (row, factors) in product.iter_mut().zip(block) {
+        for (column, factor) in columns.iter().zip(factors) {
+            add(row, column, *factor);
+        }
+    }
+    product
+}

@@ -1,0 +1,385 @@
+//! The published control law (KRAKEN paper, section 2.5 and figure 4), made right: what to add to the path's joints.
+//!
+//! 1. The reference pose, planned for the base where it should be, is taken to the base where it is, and by inverse kinematics
+//!    on the same branch to joints: q_r. This is what the paper does with its corrected pose of the base.
+//! 2. The joints at which the flange is, by the filter's estimate of its pose, come the same way: q_e. A PID per joint acts on
+//!    q_r − q_e, q_r being that of a dead time ago, when what is seen now was sent.
+//! 3. A lead, L·q̇_r + q̈_r/K, undoes the lag of the drives ([`crate::drive`]).
+//!
+//! What 1 and 2 add moves the tool; it is bounded in the tool's own terms ([`Bounds`]). The lead moves nothing but the time at
+//! which the tool is there. The sum is led within the limits of corrections ([`Correction::towards`]), and these are part of
+//! what the guard leaves room for: so no output breaks its limits. Where the sum has to stay behind, the [`Report`] says by
+//! how much.
+//!
+//! Nothing is corrected anew while the path stands: what has been added stays, and a resume goes on from there.
+//!
+//! [`Correction::towards`]: crate::correction::Correction::towards
+
+use crate::arm::Arm;
+use crate::delay::Delay;
+use crate::drive::{DEAD_TICKS_MAX, Drive, lead};
+use crate::ik::{Answer, Branch, Family, IkError};
+use crate::pid::{ByProcess, Gains, Pid, PidError, Process};
+use crate::pose::Pose;
+use crate::tick::Reference;
+use crate::units::JointPos;
+use nalgebra::Vector3;
+
+/// Time constant of the speed with which the base's shift moves the joints (s): the base moves slowly, and the drives have to lead
+/// for that too.
+const SHIFT_TIME: f64 = 0.05;
+
+/// How far (rad, m) the sum may stay behind before the integral waits for it.
+const BEHIND_MAX: f64 = 1e-4;
+
+/// How far corrections may move the tool centre point. Beyond it they stop, and so does the path: a base that has moved so far
+/// is not to be made up for by the arm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Farthest from the path as planned for the nominal base (m).
+    pub shift_max: f64,
+    /// Farthest turned from it (rad).
+    pub turn_max: f64,
+    /// How fast it is shifted at most (m/s).
+    pub shift_speed_max: f64,
+    /// How fast it is turned at most (rad/s).
+    pub turn_speed_max: f64,
+    /// How long it may move as fast as that (s): a step is gone by then, a base that runs away is not.
+    pub patience: f64,
+}
+
+/// What a controller is made for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings<const N: usize> {
+    /// Gains of each joint.
+    pub gains: ByProcess<[Gains; N]>,
+    /// How far corrections may go.
+    pub bounds: ByProcess<Bounds>,
+    /// What is done along paths on which the tool works.
+    pub works: Process,
+    /// The tool.
+    pub flange_from_tcp: Pose,
+    /// From sending a target until its effect is in the estimate (s): [`crate::drive::Learning::dead_time`], and what the
+    /// estimator adds to it.
+    pub dead_time: f64,
+}
+
+/// What is known at a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen<'a, const N: usize> {
+    /// Where the base is, in the frame of where it should be.
+    pub nominal_from_base: Pose,
+    /// Where the flange is in the base as it is, by the filter; `None` while that is not to be trusted.
+    pub base_from_flange: Option<Pose>,
+    /// The drives as identified.
+    pub drives: &'a [Drive; N],
+    /// Since the last tick (s).
+    pub dt: f64,
+}
+
+/// Which bound a correction broke.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bound {
+    /// [`Bounds::shift_max`], m.
+    Shift,
+    /// [`Bounds::turn_max`], rad.
+    Turn,
+    /// [`Bounds::patience`], s at the highest speed.
+    Speed,
+}
+
+/// Why there is no correction; whoever asked stops.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ControlError {
+    /// A correction is larger than it may be, or not fast enough for too long.
+    Saturated {
+        /// Which bound.
+        bound: Bound,
+        /// What was asked for.
+        value: f64,
+        /// What is allowed.
+        limit: f64,
+    },
+    /// No joints put the flange on its path from where the base is now.
+    Unreachable(IkError),
+    /// Gains, times or numbers that are none.
+    Pid(PidError),
+    /// Bounds that are not positive, or a dead time beyond [`DEAD_TICKS_MAX`] ticks.
+    Configuration,
+}
+
+/// What a tick came to, for telemetry.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Report {
+    /// Whether the feedback acts.
+    pub closed: bool,
+    /// How far the tool is shifted by corrections (m).
+    pub shift: f64,
+    /// How far it is turned (rad).
+    pub turn: f64,
+    /// How much of what was wanted is added, 0 to 1: less than 1 where the bounds of speed hold it.
+    pub share: f64,
+    /// By how much the sum stays behind what was wanted, for the limits of the joints (rad, m): a lead is then too short.
+    pub behind: f64,
+    /// The branch of the estimate where it is not that of the reference: then feedback has nothing to say.
+    pub other_branch: Option<Branch>,
+    /// The reference's branch where it is not that of the tick before.
+    pub changed_branch: Option<Branch>,
+}
+
+/// The controller of an N-joint arm.
+#[derive(Clone, Debug)]
+pub struct Control<const N: usize> {
+    settings: Settings<N>,
+    family: Family,
+    pid: Pid<N>,
+    process: Process,
+    /// Whether the feedback acted at the last tick.
+    closed: bool,
+    /// q_r at the last ticks; `None` before the first.
+    references: Option<Delay<N, { DEAD_TICKS_MAX + 1 }>>,
+    branch: Option<Branch>,
+    /// What the base's shift adds, smoothed.
+    shift: JointPos<N>,
+    /// What the PID adds.
+    feedback: JointPos<N>,
+    /// What base and PID added at the last tick, and by how much that shifts (m) and turns (rad) the tool.
+    added: JointPos<N>,
+    moved: [Vector3<f64>; 2],
+    /// The sum wanted at the last tick.
+    wanted: JointPos<N>,
+    behind: f64,
+    /// How long the speed's bound has held it (s).
+    held: f64,
+}
+
+impl Bounds {
+    fn is_valid(&self) -> bool {
+        let Self { shift_max, turn_max, shift_speed_max, turn_speed_max, patience } = *self;
+        let all = [shift_max, turn_max, shift_speed_max, turn_speed_max, patience];
+        all.iter().all(|bound| bound.is_finite() && *bound > 0.0)
+    }
+}
+
+impl<const N: usize> Control<N> {
+    /// A controller that adds nothing yet, for ticks of `period` s. `family` is that of the arm.
+    ///
+    /// # Errors
+    /// [`ControlError::Configuration`], [`ControlError::Pid`] for gains.
+    pub fn new(settings: &Settings<N>, family: Family, period: f64) -> Result<Self, ControlError> {
+        let ByProcess { deposit, travel, mill } = &settings.bounds;
+        let bounded = deposit.is_valid() && travel.is_valid() && mill.is_valid();
+        let longest = DEAD_TICKS_MAX as f64 * period;
+        if !(bounded && settings.flange_from_tcp.is_finite() && (0.0..=longest).contains(&settings.dead_time)) {
+            return Err(ControlError::Configuration);
+        }
+        let ByProcess { deposit, travel, mill } = &settings.gains;
+        for gains in [deposit, mill] {
+            Pid::new(gains).map_err(ControlError::Pid)?;
+        }
+        Ok(Self {
+            settings: *settings,
+            family,
+            pid: Pid::new(travel).map_err(ControlError::Pid)?,
+            process: Process::Travel,
+            closed: false,
+            references: None,
+            branch: None,
+            shift: JointPos::ZERO,
+            feedback: JointPos::ZERO,
+            added: JointPos::ZERO,
+            moved: [Vector3::zeros(); 2],
+            wanted: JointPos::ZERO,
+            behind: 0.0,
+            held: 0.0,
+        })
+    }
+
+    /// What to add to the path at this tick, within the limits for corrections, and how that came about.
+    ///
+    /// # Errors
+    /// [`ControlError`]; corrections are to be taken out then.
+    pub fn step(
+        &mut self,
+        arm: &Arm<N>,
+        reference: &Reference<N>,
+        seen: &Seen<'_, N>,
+    ) -> Result<(JointPos<N>, Report), ControlError> {
+        let mut report = Report { share: 1.0, ..Report::default() };
+        if reference.correction.is_none() {
+            // Before the first, and after they have been taken out.
+            (self.added, self.feedback, self.wanted) = (JointPos::ZERO, JointPos::ZERO, JointPos::ZERO);
+            (self.moved, self.closed) = ([Vector3::zeros(); 2], false);
+        }
+        let mut leads = JointPos::ZERO;
+        if reference.plays {
+            let shift = self.shifted(arm, reference, seen, &mut report)?;
+            let wanted = self.feed_back(arm, reference, &shift, seen, &mut report)?;
+            self.bound(arm, reference, &wanted, &mut report)?;
+            let mut velocity = reference.velocity;
+            let rates = velocity.0.iter_mut().zip(self.shift.0.iter_mut().zip(&shift.0));
+            let part = -libm::expm1(-seen.dt / SHIFT_TIME);
+            for (velocity, (smooth, shift)) in rates {
+                *velocity += (shift - *smooth) / SHIFT_TIME;
+                *smooth += part * (shift - *smooth);
+            }
+            leads = lead(seen.drives, &velocity, &reference.acceleration);
+            if report.closed {
+                let put_out = sum(&self.feedback, &difference(&self.added, &wanted));
+                self.pid.put_out(&put_out).map_err(ControlError::Pid)?;
+                self.feedback = put_out;
+            }
+        } else {
+            (self.closed, self.references) = (false, None);
+        }
+        let wanted = sum(&self.added, &leads);
+        let Reference { limits, period, .. } = reference;
+        let (next, behind) = reference.correction.towards(&wanted, &self.wanted, limits, *period);
+        (self.wanted, self.behind) = (wanted, behind);
+        report.behind = behind;
+        let [shift, turn] = self.moved.map(|part| part.norm());
+        (report.shift, report.turn) = (shift, turn);
+        Ok((next, report))
+    }
+
+    /// q_r − q: the path's pose by the base that is, on its own branch.
+    fn shifted(
+        &mut self,
+        arm: &Arm<N>,
+        reference: &Reference<N>,
+        seen: &Seen<'_, N>,
+        report: &mut Report,
+    ) -> Result<JointPos<N>, ControlError> {
+        let joints = reference.joints;
+        // Nothing is to be taken from the path where nothing is known of the base: it may pass singularities.
+        let answer = if seen.nominal_from_base == Pose::identity() && seen.base_from_flange.is_none() {
+            Answer { joints, branch: self.branch, margins: None, free: None }
+        } else {
+            self.nearest(arm, &(seen.nominal_from_base.inverse() * arm.forward(&joints)), &joints)?
+        };
+        if self.branch.is_some() && self.references.is_some() && answer.branch != self.branch {
+            report.changed_branch = answer.branch;
+        }
+        self.branch = answer.branch;
+        match &mut self.references {
+            Some(references) => references.push(&answer.joints),
+            None => {
+                self.references = Some(Delay::at_rest(answer.joints));
+                // A base that had moved before the path goes on does not move now.
+                self.shift = difference(&answer.joints, &joints);
+            }
+        }
+        Ok(difference(&answer.joints, &joints))
+    }
+
+    /// What base and PID want to add; the PID's part is kept.
+    fn feed_back(
+        &mut self,
+        arm: &Arm<N>,
+        reference: &Reference<N>,
+        shift: &JointPos<N>,
+        seen: &Seen<'_, N>,
+        report: &mut Report,
+    ) -> Result<JointPos<N>, ControlError> {
+        let process = if reference.deposit { self.settings.works } else { Process::Travel };
+        if process != self.process {
+            self.pid.set_gains(self.settings.gains.of(process)).map_err(ControlError::Pid)?;
+            self.process = process;
+        }
+        let (Some(base_from_flange), Some(references)) = (seen.base_from_flange, &self.references) else {
+            (self.closed, self.feedback) = (false, JointPos::ZERO);
+            return Ok(*shift);
+        };
+        let then = references.before(self.settings.dead_time / reference.period);
+        let answer = self.nearest(arm, &base_from_flange, &then)?;
+        if answer.branch != self.branch {
+            report.other_branch = answer.branch;
+            (self.closed, self.feedback) = (false, JointPos::ZERO);
+            return Ok(*shift);
+        }
+        let error = difference(&then, &answer.joints);
+        if !self.closed {
+            // From what is added now, which may be on its way out.
+            self.feedback = difference(&self.added, shift);
+            self.pid.start(&error, &self.feedback).map_err(ControlError::Pid)?;
+            self.closed = true;
+        }
+        let integrate = self.behind <= BEHIND_MAX;
+        self.feedback = self.pid.step(&error, seen.dt, integrate).map_err(ControlError::Pid)?;
+        report.closed = true;
+        Ok(sum(shift, &self.feedback))
+    }
+
+    /// Adds what is wanted as far and as fast as the tool may be moved.
+    fn bound(
+        &mut self,
+        arm: &Arm<N>,
+        reference: &Reference<N>,
+        wanted: &JointPos<N>,
+        report: &mut Report,
+    ) -> Result<(), ControlError> {
+        let bounds = self.settings.bounds.of(self.process);
+        let tool = self.settings.flange_from_tcp;
+        let planned = arm.forward(&reference.joints) * tool;
+        let corrected = arm.forward(&sum(&reference.joints, wanted)) * tool;
+        let turned =
+            Pose { rotation: corrected.rotation * planned.rotation.transpose(), translation: Vector3::zeros() };
+        let moved = [corrected.translation - planned.translation, turned.rotation_vector()];
+        let [shift, turn] = moved.map(|part| part.norm());
+        for (bound, value, limit) in [(Bound::Shift, shift, bounds.shift_max), (Bound::Turn, turn, bounds.turn_max)] {
+            // Written so that what is no number fails.
+            if !matches!(value.partial_cmp(&limit), Some(core::cmp::Ordering::Less | core::cmp::Ordering::Equal)) {
+                return Err(ControlError::Saturated { bound, value, limit });
+            }
+        }
+        let [shift_before, turn_before] = self.moved;
+        let [shift_now, turn_now] = moved;
+        let steps = [shift_now - shift_before, turn_now - turn_before];
+        let mut share = 1.0_f64;
+        for (step, speed) in steps.iter().zip([bounds.shift_speed_max, bounds.turn_speed_max]) {
+            let (step, most) = (step.norm(), speed * reference.period);
+            if step > most {
+                share = share.min(most / step);
+            }
+        }
+        report.share = share;
+        if share < 1.0 {
+            self.held += reference.period;
+            if self.held > bounds.patience {
+                let (value, limit) = (self.held, bounds.patience);
+                return Err(ControlError::Saturated { bound: Bound::Speed, value, limit });
+            }
+            for (added, wanted) in self.added.0.iter_mut().zip(&wanted.0) {
+                *added += share * (wanted - *added);
+            }
+            self.moved = [shift_before + steps[0] * share, turn_before + steps[1] * share];
+        } else {
+            self.held = 0.0;
+            (self.added, self.moved) = (*wanted, moved);
+        }
+        Ok(())
+    }
+
+    fn nearest(&self, arm: &Arm<N>, pose: &Pose, seed: &JointPos<N>) -> Result<Answer<N>, ControlError> {
+        self.family.nearest(arm, pose, seed).map_err(ControlError::Unreachable)
+    }
+}
+
+fn sum<const N: usize>(a: &JointPos<N>, b: &JointPos<N>) -> JointPos<N> {
+    let mut sum = *a;
+    for (sum, b) in sum.0.iter_mut().zip(&b.0) {
+        *sum += b;
+    }
+    sum
+}
+
+fn difference<const N: usize>(a: &JointPos<N>, b: &JointPos<N>) -> JointPos<N> {
+    let mut difference = *a;
+    for (difference, b) in difference.0.iter_mut().zip(&b.0) {
+        *difference -= b;
+    }
+    difference
+}
+
+#[cfg(test)]
+mod tests;
