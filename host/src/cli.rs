@@ -6,6 +6,7 @@ mod calibrate;
 mod check;
 mod demo;
 mod doctor;
+mod latency;
 mod log;
 mod plan;
 mod print;
@@ -18,8 +19,8 @@ use crate::model::fim::{self, FimModel};
 use crate::run::children::VERSION;
 use crate::run::rt::{self, RtArgs};
 use args::{
-    BenchCommand, CalibrateCommand, CheckArgs, DemoArgs, DoctorArgs, LogArgs, PlanArgs, PrintArgs, RobotCommand,
-    SimCommand,
+    BenchCommand, CalibrateCommand, CheckArgs, DemoArgs, DoctorArgs, LatencyArgs, LogArgs, PlanArgs, PrintArgs,
+    RobotCommand, SimCommand,
 };
 use clap::{Parser, Subcommand};
 use std::io::{ErrorKind, Write};
@@ -49,6 +50,8 @@ enum Command {
     Check(CheckArgs),
     /// Say whether this machine can hold a hard-timed loop, and what to change
     Doctor(DoctorArgs),
+    /// Measure how late a loop wakes on this machine, alone or beside cyclictest
+    Latency(LatencyArgs),
     /// Find frames, tools and an arm's geometry from measurements
     #[command(subcommand)]
     Calibrate(CalibrateCommand),
@@ -92,6 +95,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Rt(args) => Ok(rt::run(args)?),
         Command::Check(args) => check::run(args),
         Command::Doctor(args) => doctor::run(args),
+        Command::Latency(args) => latency::run(args),
         Command::Calibrate(command) => calibrate::run(command),
         Command::Log(args) => log::run(args),
         Command::Robot(command) => robot::run(command),

@@ -6,6 +6,7 @@ pub mod cli;
 pub mod config;
 pub mod doctor;
 pub mod failure;
+pub mod latency;
 pub mod link;
 pub mod log;
 pub mod model;

@@ -22,4 +22,5 @@ pub mod session;
 pub mod signal;
 pub mod summary;
 pub mod virtual_time;
+pub mod wake;
 pub mod words;

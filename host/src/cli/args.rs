@@ -1,11 +1,15 @@
 //! The arguments of every command, as clap reads them. What needs the cell to be judged has a `checked` of its own.
 
+mod realtime;
+
 use crate::config::Cell;
 use crate::failure::{Exit, Failure};
 use crate::sim::line::LineFault;
 use std::net::IpAddr;
 use std::path::PathBuf;
 use std::time::Duration;
+
+pub use realtime::{DoctorArgs, LatencyArgs, Yardstick};
 
 /// `screed demo`
 #[derive(Clone, Debug, PartialEq, clap::Args)]
@@ -182,17 +186,6 @@ pub struct CheckArgs {
     /// Whether the model can be printed in this cell
     #[arg(long, value_name = "FILE.toml")]
     pub cell: Option<PathBuf>,
-}
-
-/// `screed doctor`
-#[derive(Clone, Debug, PartialEq, clap::Args)]
-pub struct DoctorArgs {
-    /// The cell file whose priority and processor are meant; without it, the demo's
-    #[arg(long, value_name = "FILE.toml")]
-    pub cell: Option<PathBuf>,
-    /// The findings as JSON
-    #[arg(long)]
-    pub json: bool,
 }
 
 /// `screed calibrate`

@@ -84,8 +84,10 @@ fn touch_stack() {
 
 fn schedule(priority: u8) -> Result<(), Error> {
     let parameter = libc::sched_param { sched_priority: i32::from(priority) };
+    // What this process starts is scheduled as usual.
+    let policy = libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK;
     // SAFETY: the parameter outlives the call; 0 means this process.
-    let result = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameter) };
+    let result = unsafe { libc::sched_setscheduler(0, policy, &raw const parameter) };
     if result == 0 { Ok(()) } else { Err(Error::last_os_error()) }
 }
 

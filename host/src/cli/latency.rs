@@ -1,0 +1,150 @@
+//! `screed latency`
+
+use super::args::{LatencyArgs, Yardstick};
+use super::say;
+use crate::config::{self, Cell, Realtime};
+use crate::failure::{Exit, Failure};
+use crate::latency::{Comparison, Pair, Summary};
+use crate::run::realtime;
+use crate::run::wake::{self, Pace};
+use serde::Serialize;
+use std::io::{self, Write};
+use std::time::Duration;
+
+/// How long a slice of a comparison lasts.
+const SLICE: Duration = Duration::from_secs(5);
+/// How narrow the interval of the medians' difference has to be to stop before the most pairs (µs).
+const NARROW_US: f64 = 6.0;
+/// What is aimed at: the medians' difference (µs), and the 99th percentiles' ratio.
+const DIFFERENCE_AIM_US: f64 = 3.0;
+const RATIO_AIM: [f64; 2] = [0.5, 2.0];
+
+/// What is printed.
+#[derive(Serialize)]
+struct Report {
+    period_us: u128,
+    priority: u8,
+    cpu: Option<usize>,
+    /// "real time", or "NON-RT" with what was refused.
+    scheduling: &'static str,
+    scheduling_note: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ours: Option<Summary>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    versus: Option<Comparison>,
+}
+
+/// Measures how late the timer-paced loop wakes.
+///
+/// # Errors
+/// A cell file, real time that is refused, a clock or a cyclictest that fails.
+pub fn run(args: &LatencyArgs) -> Result<(), Failure> {
+    let cell = match &args.cell {
+        Some(path) => config::load(path)?,
+        None => Cell::demo(125)?,
+    };
+    let wanted = Realtime { cpu: args.cpu.or(cell.realtime.cpu), ..cell.realtime };
+    let scheduling = realtime::enter(&wanted);
+    if !scheduling.realtime && !args.allow_non_rt {
+        let remedy = "grant what was refused (screed doctor), or measure stamped NON-RT with --allow-non-rt";
+        return Err(Failure::new(Exit::NotRealTime, format!("no real time: {}", scheduling.note), remedy));
+    }
+    let mut report = Report {
+        period_us: args.period.as_micros(),
+        priority: wanted.priority,
+        cpu: wanted.cpu,
+        scheduling: if scheduling.realtime { "real time" } else { "NON-RT" },
+        scheduling_note: scheduling.note,
+        ours: None,
+        versus: None,
+    };
+    match args.vs {
+        None => {
+            let (histogram, missed) = wake::ours(&Pace { period: args.period, length: args.length }).map_err(failed)?;
+            report.ours = Summary::of(&histogram, missed);
+        }
+        Some(Yardstick::Cyclictest) => report.versus = Some(compare(args, &wanted)?),
+    }
+    if args.json {
+        let text = serde_json::to_string_pretty(&report)
+            .map_err(|error| Failure::new(Exit::Failed, error.to_string(), "report this"))?;
+        return say(&(text + "\n"));
+    }
+    say(&text(&report))
+}
+
+/// Slices of both in turns, until the interval is narrow or there are enough.
+fn compare(args: &LatencyArgs, wanted: &Realtime) -> Result<Comparison, Failure> {
+    let Some(cpu) = wanted.cpu else {
+        return Err(Failure::new(
+            Exit::Usage,
+            "a comparison needs both on one processor: expected --cpu or [realtime] cpu, found neither",
+            "name one, the last of the machine for instance",
+        ));
+    };
+    let pace = Pace { period: args.period, length: SLICE };
+    let (mut pairs, mut discarded) = (Vec::new(), 0);
+    for round in 0..args.pairs_max {
+        let ours = || wake::ours(&pace).map(|(histogram, _)| histogram);
+        let theirs = || wake::cyclictest(&pace, wanted.priority, cpu);
+        let (ours, theirs) = if round % 2 == 0 {
+            let first = ours().map_err(failed)?;
+            (first, theirs().map_err(failed)?)
+        } else {
+            let first = theirs().map_err(failed)?;
+            (ours().map_err(failed)?, first)
+        };
+        match Pair::of(&ours, &theirs) {
+            Some(pair) => pairs.push(pair),
+            None => discarded += 1,
+        }
+        if let Some(found) = Comparison::of(pairs.clone(), discarded) {
+            let difference = found.median_difference_us;
+            let _ = writeln!(
+                io::stderr(),
+                "pair {} of {} to {}: medians differ by {:+.1} µs [{:+.1}, {:+.1}]",
+                round + 1,
+                args.pairs,
+                args.pairs_max,
+                difference.value,
+                difference.low,
+                difference.high
+            );
+            if found.pairs.len() >= args.pairs as usize && found.width_us() <= NARROW_US {
+                return Ok(found);
+            }
+        }
+    }
+    Comparison::of(pairs, discarded).ok_or_else(|| {
+        Failure::new(Exit::Failed, "every pair of slices met a stall and was discarded", "measure on a quieter machine")
+    })
+}
+
+fn text(report: &Report) -> String {
+    let Report { period_us, priority, scheduling, scheduling_note, ours, versus, .. } = report;
+    let cpu = report.cpu.map_or("any processor".to_owned(), |cpu| format!("processor {cpu}"));
+    let mut text = format!("{scheduling}, every {period_us} µs, SCHED_FIFO {priority}, {cpu}\n");
+    if !scheduling_note.is_empty() {
+        text += &format!("  {scheduling_note}\n");
+    }
+    if let Some(ours) = ours {
+        text += &format!("  {ours}\n");
+    }
+    if let Some(versus) = versus {
+        let (difference, ratio) = (versus.median_difference_us, versus.p99_ratio);
+        let met = |met| if met { "met" } else { "missed" };
+        text += &versus.to_string();
+        text += &format!(
+            "  aims: medians within {DIFFERENCE_AIM_US} µs: {}; p99 interval inside [{}, {}]: {}\n",
+            met(difference.value <= DIFFERENCE_AIM_US),
+            RATIO_AIM[0],
+            RATIO_AIM[1],
+            met(RATIO_AIM[0] <= ratio.low && ratio.high <= RATIO_AIM[1])
+        );
+    }
+    text
+}
+
+fn failed(error: io::Error) -> Failure {
+    Failure::new(Exit::Failed, error.to_string(), "mend that, then measure again")
+}
