@@ -21,7 +21,7 @@ mod root;
 
 use crate::units::{JointAcc, JointJerk, JointPos, JointVel};
 use covariance::{Covariance, Rows};
-use root::Root;
+use root::{factor, whiten, whitened};
 
 /// Longest step of a prediction (s). Whoever has heard nothing for longer has to start anew.
 pub const STEP_MAX: f64 = 10.0;
@@ -191,13 +191,12 @@ impl<const N: usize> Ekf<N> {
     fn correct<const M: usize>(
         &mut self,
         rows: &mut Rows<N, M>,
-        s: &[[f64; M]; M],
+        s: &mut [[f64; M]; M],
         y: &[f64; M],
     ) -> Result<Verdict, EkfError> {
         let gate = const { GATES[M - 1] };
-        let root = Root::of(s)?;
-        root.whiten(rows);
-        let e = root.whitened(y);
+        factor(s)?;
+        let e = whitened(s, y);
         let mut nis = 0.0;
         for e in e {
             nis += e * e;
@@ -208,6 +207,7 @@ impl<const N: usize> Ekf<N> {
         if nis > gate {
             return Ok(Verdict::Gated { nis, gate });
         }
+        whiten(s, rows);
         let State { position, velocity, acceleration } = &mut self.state;
         for ([q, v, a], e) in rows.iter().zip(e) {
             add(&mut position.0, q, e);
@@ -227,11 +227,19 @@ fn add<const K: usize>(a: &mut [f64; K], b: &[f64; K], factor: f64) {
     }
 }
 
+/// a ← a − factor·b.
+#[inline(always)]
+fn subtract(a: &mut [f64], b: &[f64], factor: f64) {
+    for (a, b) in a.iter_mut().zip(b) {
+        *a -= factor * b;
+    }
+}
+
 /// Whether all are finite and more than zero.
 #[inline(always)]
 fn positive(values: &[f64]) -> Result<(), EkfError> {
     for &value in values {
-        if !(value > 0.0 && value.is_finite()) {
+        if !(value > 0.0 && value <= f64::MAX) {
             return Err(EkfError::Noise { value });
         }
     }

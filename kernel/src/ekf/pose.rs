@@ -37,7 +37,7 @@ impl<const N: usize> Ekf<N> {
         positive(&[measured.position_deviation, measured.rotation_deviation])?;
         let base_from_target = measured.tracker_from_base.inverse() * measured.tracker_from_target;
         rotation_is_sound(&base_from_target.rotation)?;
-        let (base_from_flange, jacobian) = arm.jacobian(&self.state().position);
+        let (base_from_flange, mut jacobian) = arm.jacobian(&self.state().position);
         let expected = base_from_flange * measured.flange_from_target;
         let lever = expected.translation - base_from_flange.translation;
         let position = base_from_target.translation - expected.translation;
@@ -49,14 +49,14 @@ impl<const N: usize> Ekf<N> {
             return Err(EkfError::NotFinite);
         }
         // The target moves with the flange's origin and turns about it.
-        let mut columns = jacobian.data.0;
-        for [vx, vy, vz, wx, wy, wz] in &mut columns {
+        let columns = &mut jacobian.data.0;
+        for [vx, vy, vz, wx, wy, wz] in &mut *columns {
             let around = Vector3::new(*wx, *wy, *wz).cross(&lever);
             *vx += around.x;
             *vy += around.y;
             *vz += around.z;
         }
-        let mut rows = self.pose_rows(&columns);
+        let mut rows = self.pose_rows(columns);
         let (place, turn) = (measured.position_deviation, measured.rotation_deviation);
         let mut s = [[0.0; 6]; 6];
         for (s, [row, ..]) in s.iter_mut().zip(&rows) {
@@ -69,7 +69,7 @@ impl<const N: usize> Ekf<N> {
         for (k, variance) in (0..6).zip([p, p, p, r, r, r]) {
             s[k][k] += variance;
         }
-        self.correct(&mut rows, &s, &y)
+        self.correct(&mut rows, &mut s, &y)
     }
 
     /// H·P = J·\[P_qq, P_qv, P_qa\], J given by its columns.
