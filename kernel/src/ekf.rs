@@ -14,14 +14,14 @@
 
 pub mod covariance;
 pub mod encoders;
+mod factor;
 pub mod pose;
 pub mod rates;
 pub mod replay;
-mod root;
 
 use crate::units::{JointAcc, JointJerk, JointPos, JointVel};
 use covariance::{Covariance, Rows};
-use root::{factor, whiten, whitened};
+use factor::Factor;
 
 /// Longest step of a prediction (s). Whoever has heard nothing for longer has to start anew.
 pub const STEP_MAX: f64 = 10.0;
@@ -184,9 +184,10 @@ impl<const N: usize> Ekf<N> {
     }
 
     /// The update that all measurements share, given `rows` = H·P, the upper triangle of S = H·P·Hᵀ + R, and the innovation
-    /// y = z − h(x). With S = UᵀU it works on whitened rows W = U⁻ᵀ·H·P and e = U⁻ᵀ·y: the normalised innovation squared is
-    /// eᵀe, x ← x + Wᵀ·e, P ← P − Wᵀ·W (Bierman, "Factorization Methods for Discrete Sequential Estimation", 1977, chapter
-    /// II). No inverse is formed, and P stays symmetric to the bit.
+    /// y = z − h(x). With S = UᵀDU it takes the innovation apart into independent numbers e = U⁻ᵀ·y of variances D, whose rows are
+    /// W = U⁻ᵀ·H·P: the normalised innovation squared is eᵀD⁻¹e, x ← x + Wᵀ·D⁻¹·e, P ← P − WᵀD⁻¹W (Bierman, "Factorization
+    /// Methods for Discrete Sequential Estimation", 1977, chapters II and V). No inverse of a matrix is formed, and P stays
+    /// symmetric to the bit.
     #[inline(always)]
     fn correct<const M: usize>(
         &mut self,
@@ -195,11 +196,13 @@ impl<const N: usize> Ekf<N> {
         y: &[f64; M],
     ) -> Result<Verdict, EkfError> {
         let gate = const { GATES[M - 1] };
-        factor(s)?;
-        let e = whitened(s, y);
+        let factor = Factor::of(s)?;
+        let mut e = factor.separated(y);
         let mut nis = 0.0;
-        for e in e {
-            nis += e * e;
+        for (e, weight) in e.iter_mut().zip(&factor.weights) {
+            let weighted = *e * weight;
+            nis += *e * weighted;
+            *e = weighted;
         }
         if !nis.is_finite() {
             return Err(EkfError::NotFinite);
@@ -207,21 +210,21 @@ impl<const N: usize> Ekf<N> {
         if nis > gate {
             return Ok(Verdict::Gated { nis, gate });
         }
-        whiten(s, rows);
+        factor.separate(rows);
         let State { position, velocity, acceleration } = &mut self.state;
         for ([q, v, a], e) in rows.iter().zip(e) {
             add(&mut position.0, q, e);
             add(&mut velocity.0, v, e);
             add(&mut acceleration.0, a, e);
         }
-        self.covariance.reduce(rows);
+        self.covariance.reduce(rows, &factor.weights);
         Ok(Verdict::Taken { nis })
     }
 }
 
 /// a ← a + factor·b.
 #[inline(always)]
-fn add<const K: usize>(a: &mut [f64; K], b: &[f64; K], factor: f64) {
+fn add(a: &mut [f64], b: &[f64], factor: f64) {
     for (a, b) in a.iter_mut().zip(b) {
         *a += factor * b;
     }

@@ -105,40 +105,38 @@ impl<const N: usize> Covariance<N> {
         }
     }
 
-    /// P ← P − WᵀW. Below the diagonal, symmetric blocks are mirrored where that leaves whole vectors.
+    /// P ← P − WᵀD⁻¹W, given 1/D. Of symmetric blocks what is below the diagonal is left out where that leaves whole vectors.
     #[inline(always)]
-    pub(super) fn reduce<const M: usize>(&mut self, w: &Rows<N, M>) {
-        let half = const { N / 2 & !1 };
+    pub(super) fn reduce<const M: usize>(&mut self, w: &Rows<N, M>, weights: &[f64; M]) {
+        let half = const { (N / 2) & !1 };
         for i in 0..half {
-            self.reduce_row(w, i, 0);
+            self.reduce_row(w, weights, i, 0);
         }
         for i in half..N {
-            self.reduce_row(w, i, half);
+            self.reduce_row(w, weights, i, half);
         }
-        for block in [&mut self.qq, &mut self.vv, &mut self.aa] {
-            for i in half..N {
-                for j in 0..half {
-                    block[i][j] = block[j][i];
-                }
-            }
-        }
+        mirror(&mut self.qq);
+        mirror(&mut self.vv);
+        mirror(&mut self.aa);
     }
 
     /// Row i of each block; of symmetric ones from this column on.
     #[inline(always)]
-    fn reduce_row<const M: usize>(&mut self, w: &Rows<N, M>, i: usize, first: usize) {
+    fn reduce_row<const M: usize>(&mut self, w: &Rows<N, M>, weights: &[f64; M], i: usize, first: usize) {
         let (mut qq, mut qv, mut qa) = (self.qq[i], self.qv[i], self.qa[i]);
-        for [q, v, a] in w {
-            subtract(&mut qq[first..], &q[first..], q[i]);
-            subtract(&mut qv, v, q[i]);
-            subtract(&mut qa, a, q[i]);
+        for ([q, v, a], weight) in w.iter().zip(weights) {
+            let factor = weight * q[i];
+            subtract(&mut qq[first..], &q[first..], factor);
+            subtract(&mut qv, v, factor);
+            subtract(&mut qa, a, factor);
         }
         (self.qq[i], self.qv[i], self.qa[i]) = (qq, qv, qa);
         let (mut vv, mut va, mut aa) = (self.vv[i], self.va[i], self.aa[i]);
-        for [_, v, a] in w {
-            subtract(&mut vv[first..], &v[first..], v[i]);
-            subtract(&mut va, a, v[i]);
-            subtract(&mut aa[first..], &a[first..], a[i]);
+        for ([_, v, a], weight) in w.iter().zip(weights) {
+            let factor = weight * v[i];
+            subtract(&mut vv[first..], &v[first..], factor);
+            subtract(&mut va, a, factor);
+            subtract(&mut aa[first..], &a[first..], weight * a[i]);
         }
         (self.vv[i], self.va[i], self.aa[i]) = (vv, va, aa);
     }

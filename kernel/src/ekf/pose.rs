@@ -58,12 +58,7 @@ impl<const N: usize> Ekf<N> {
         }
         let mut rows = self.pose_rows(columns);
         let (place, turn) = (measured.position_deviation, measured.rotation_deviation);
-        let mut s = [[0.0; 6]; 6];
-        for (s, [row, ..]) in s.iter_mut().zip(&rows) {
-            for (column, factor) in columns.iter().zip(row) {
-                add(s, column, *factor);
-            }
-        }
+        let mut s = spread(columns, &rows);
         let [bend_place, bend_turn] = bend(&s);
         let (p, r) = (place * place + bend_place, turn * turn + bend_turn);
         for (k, variance) in (0..6).zip([p, p, p, r, r, r]) {
@@ -86,6 +81,24 @@ impl<const N: usize> Ekf<N> {
         }
         rows
     }
+}
+
+/// H·P·Hᵀ of rows H·P, on and above the diagonal; below it what comes with whole vectors.
+#[inline(always)]
+fn spread<const N: usize>(columns: &[[f64; 6]; N], rows: &Rows<N, 6>) -> [[f64; 6]; 6] {
+    let mut s = [[0.0; 6]; 6];
+    let mut add_row = |k: usize, first: usize| {
+        for (column, factor) in columns.iter().zip(&rows[k][0]) {
+            add(&mut s[k][first..], &column[first..], *factor);
+        }
+    };
+    for k in 0..2 {
+        add_row(k, 0);
+    }
+    for k in 2..6 {
+        add_row(k, 2);
+    }
+    s
 }
 
 /// What h(x) bends away from its tangent, as variances of position (m²) and rotation (rad²), given H·P·Hᵀ. The second-order term
