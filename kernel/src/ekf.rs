@@ -21,7 +21,7 @@ pub mod replay;
 
 use crate::units::{JointAcc, JointJerk, JointPos, JointVel};
 use covariance::{Covariance, Rows};
-use factor::Factor;
+use factor::separate;
 
 /// Longest step of a prediction (s). Whoever has heard nothing for longer has to start anew.
 pub const STEP_MAX: f64 = 10.0;
@@ -193,13 +193,12 @@ impl<const N: usize> Ekf<N> {
         &mut self,
         rows: &mut Rows<N, M>,
         s: &mut [[f64; M]; M],
-        y: &[f64; M],
+        mut y: [f64; M],
     ) -> Result<Verdict, EkfError> {
         let gate = const { GATES[M - 1] };
-        let factor = Factor::of(s)?;
-        let mut e = factor.separated(y);
+        let weights = separate(s, rows, &mut y)?;
         let mut nis = 0.0;
-        for (e, weight) in e.iter_mut().zip(&factor.weights) {
+        for (e, weight) in y.iter_mut().zip(&weights) {
             let weighted = *e * weight;
             nis += *e * weighted;
             *e = weighted;
@@ -210,14 +209,13 @@ impl<const N: usize> Ekf<N> {
         if nis > gate {
             return Ok(Verdict::Gated { nis, gate });
         }
-        factor.separate(rows);
         let State { position, velocity, acceleration } = &mut self.state;
-        for ([q, v, a], e) in rows.iter().zip(e) {
+        for ([q, v, a], e) in rows.iter().zip(y) {
             add(&mut position.0, q, e);
             add(&mut velocity.0, v, e);
             add(&mut acceleration.0, a, e);
         }
-        self.covariance.reduce(rows, &factor.weights);
+        self.covariance.reduce(rows, &weights);
         Ok(Verdict::Taken { nis })
     }
 }

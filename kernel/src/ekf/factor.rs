@@ -4,64 +4,34 @@
 use super::covariance::Rows;
 use super::{EkfError, subtract};
 
-/// S = UᵀDU, U with a unit diagonal (Golub and Van Loan, "Matrix Computations", 4.1.2).
-pub(super) struct Factor<'a, const M: usize> {
-    /// D·U on and above the diagonal.
-    upper: &'a [[f64; M]; M],
-    /// 1/D: the inverse variances of the innovation's independent parts.
-    pub weights: [f64; M],
-}
-
-impl<'a, const M: usize> Factor<'a, M> {
-    /// In the place of a symmetric matrix of which only the upper triangle is read.
-    #[inline(always)]
-    pub(super) fn of(s: &'a mut [[f64; M]; M]) -> Result<Self, EkfError> {
-        let mut weights = [0.0; M];
-        for k in 0..M {
-            let mut row = s[k];
-            for i in 0..k {
-                subtract(&mut row, &s[i], weights[i] * s[i][k]);
-            }
-            let pivot = row[k];
-            if !(pivot > 0.0 && pivot <= f64::MAX) {
-                return Err(EkfError::Unsound);
-            }
-            weights[k] = 1.0 / pivot;
-            s[k] = row;
+/// Takes an innovation apart, by elimination down from the top: S = UᵀDU with ones on U's diagonal (Golub and Van Loan, "Matrix
+/// Computations", 4.1.2), `rows` ← U⁻ᵀ·rows, `y` ← U⁻ᵀ·y. Returns 1/D, the inverse variances of y's parts, which then are
+/// independent. Of `s` only the upper triangle is read; D·U is left there. All three go on together, so that the processor
+/// has something to do while it waits for a pivot.
+#[inline(always)]
+pub(super) fn separate<const N: usize, const M: usize>(
+    s: &mut [[f64; M]; M],
+    rows: &mut Rows<N, M>,
+    y: &mut [f64; M],
+) -> Result<[f64; M], EkfError> {
+    let mut weights = [0.0; M];
+    for k in 0..M {
+        let mut row = s[k];
+        let [mut q, mut v, mut a] = rows[k];
+        for i in 0..k {
+            let factor = weights[i] * s[i][k];
+            subtract(&mut row, &s[i], factor);
+            subtract(&mut q, &rows[i][0], factor);
+            subtract(&mut v, &rows[i][1], factor);
+            subtract(&mut a, &rows[i][2], factor);
+            y[k] -= factor * y[i];
         }
-        Ok(Self { upper: s, weights })
-    }
-
-    /// The entry of U in row i and column k, i < k.
-    #[inline(always)]
-    fn entry(&self, i: usize, k: usize) -> f64 {
-        self.weights[i] * self.upper[i][k]
-    }
-
-    /// rows ← U⁻ᵀ·rows.
-    #[inline(always)]
-    pub(super) fn separate<const N: usize>(&self, rows: &mut Rows<N, M>) {
-        for k in 0..M {
-            let [mut q, mut v, mut a] = rows[k];
-            for i in 0..k {
-                let factor = self.entry(i, k);
-                subtract(&mut q, &rows[i][0], factor);
-                subtract(&mut v, &rows[i][1], factor);
-                subtract(&mut a, &rows[i][2], factor);
-            }
-            rows[k] = [q, v, a];
+        let pivot = row[k];
+        if !(pivot > 0.0 && pivot <= f64::MAX) {
+            return Err(EkfError::Unsound);
         }
+        weights[k] = 1.0 / pivot;
+        (s[k], rows[k]) = (row, [q, v, a]);
     }
-
-    /// U⁻ᵀ·y.
-    #[inline(always)]
-    pub(super) fn separated(&self, y: &[f64; M]) -> [f64; M] {
-        let mut e = *y;
-        for k in 0..M {
-            for i in 0..k {
-                e[k] -= self.entry(i, k) * e[i];
-            }
-        }
-        e
-    }
+    Ok(weights)
 }

@@ -64,7 +64,7 @@ impl<const N: usize> Ekf<N> {
         for (k, variance) in (0..6).zip([p, p, p, r, r, r]) {
             s[k][k] += variance;
         }
-        self.correct(&mut rows, &mut s, &y)
+        self.correct(&mut rows, &mut s, y)
     }
 
     /// H·P = J·\[P_qq, P_qv, P_qa\], J given by its columns.
