@@ -237,7 +237,7 @@ impl Estimate {
         let place = seen.nominal_from_target.translation - expected;
         let miss = Pose { rotation: seen.rotation * turn.transpose(), translation: place };
         let rotation = miss.rotation_vector();
-        let y = [place.x, place.y, place.z, rotation.x, rotation.y, rotation.z];
+        let mut y = [place.x, place.y, place.z, rotation.x, rotation.y, rotation.z];
         let columns = columns(&lever);
         let (hx, hv) = (product(&columns, &next.covariance.xx), product(&columns, &next.covariance.xv));
         let mut s = transposed_product(&hx, &columns);
@@ -247,16 +247,16 @@ impl Estimate {
             s[k][k] += bend;
         }
         let mut rows: [[[f64; 6]; 2]; 6] = core::array::from_fn(|k| [hx[k], hv[k]]);
-        let (verdict, e) = judge(&mut rows, &s, &y)?;
+        let (verdict, weights) = judge(&mut rows, &mut s, &mut y)?;
         if verdict.is_taken() {
             let (mut step, mut faster) = ([0.0; 6], [0.0; 6]);
-            for ([x, v], e) in rows.iter().zip(e) {
+            for ([x, v], e) in rows.iter().zip(y) {
                 add(&mut step, x, e);
                 add(&mut faster, v, e);
             }
             next.displacement = next.displacement.moved(&Displacement::of(&step), 1.0);
             next.rate = next.rate.plus(&Displacement::of(&faster));
-            next.covariance.reduce(&rows);
+            next.covariance.reduce(&rows, &weights);
         }
         Ok((next, verdict))
     }
@@ -295,13 +295,14 @@ impl Covariance {
         }
     }
 
-    /// P ← P − WᵀW.
-    fn reduce(&mut self, w: &[[[f64; 6]; 2]; 6]) {
+    /// P ← P − WᵀD⁻¹W.
+    fn reduce(&mut self, w: &[[[f64; 6]; 2]; 6], weights: &[f64; 6]) {
         for i in 0..6 {
-            for [x, v] in w {
-                add(&mut self.xx[i], x, -x[i]);
-                add(&mut self.xv[i], v, -x[i]);
-                add(&mut self.vv[i], v, -v[i]);
+            for ([x, v], weight) in w.iter().zip(weights) {
+                let (of_x, of_v) = (-x[i] * weight, -v[i] * weight);
+                add(&mut self.xx[i], x, of_x);
+                add(&mut self.xv[i], v, of_x);
+                add(&mut self.vv[i], v, of_v);
             }
         }
     }
