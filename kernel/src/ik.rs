@@ -195,6 +195,22 @@ impl<const N: usize> Branches<N> {
         self.answers.get(..self.len).unwrap_or(&[])
     }
 
+    /// By how much the worst of the answers misses the pose they are of: the larger of the distance (m) and the angle (rad),
+    /// by forward kinematics of the joints that they have.
+    pub fn residual(&self, arm: &Arm<N>, base_from_flange: &Pose) -> f64 {
+        let (mut away, mut turned) = (0.0, 0.0);
+        let larger = |a: f64, b: f64| if b > a || b.is_nan() { b } else { a };
+        for four in self.as_slice().chunks(4) {
+            let [first, ..] = four else { continue };
+            let joints: [_; 4] = core::array::from_fn(|k| &four.get(k).unwrap_or(first).joints);
+            let (far, wide) = arm.flanges(joints).farthest(base_from_flange);
+            (away, turned) = (larger(away, far), larger(turned, wide));
+        }
+        // The axes of two rotations an angle φ apart differ by 2√2·sin φ/2 together; by rounding, more than 2√2.
+        let sine = libm::sqrt(0.125 * turned);
+        larger(libm::sqrt(away), 2.0 * libm::asin(if sine > 1.0 { 1.0 } else { sine }))
+    }
+
     /// The answer whose largest joint difference to `seed` (rad, m) is the least.
     pub fn nearest(&self, seed: &JointPos<N>) -> Option<&Answer<N>> {
         let mut best = (f64::INFINITY, None);
@@ -439,6 +455,30 @@ mod tests {
         let beyond =
             turned(&narrow, &JointPos([2.0 * PI - 1.2, 0.0, 0.0, 0.0, 0.0, 0.0]), &JointPos([5.0; 6])).unwrap_err();
         assert!(beyond.joint == 0 && libm::fabs(beyond.by - 0.2) < 1e-15 && libm::fabs(beyond.position - 5.083) < 1e-3);
+    }
+
+    #[test]
+    fn the_residual_is_that_of_the_worst_answer() {
+        let joints = JointPos([0.1, -1.0, 1.0, 0.4, 0.7, 0.2]);
+        let pose = UR10E.forward(&joints);
+        let found = ur::inverse(&UR10E, &pose, &joints).unwrap();
+        assert_eq!(found.as_slice().len(), 8);
+        assert!(found.residual(&UR10E, &pose) < 5e-15);
+        for worst in 0..8 {
+            // Joint 6 turns the flange about its own axis and moves it nowhere; the elbow does both.
+            let mut moved = found;
+            moved.answers[worst].joints.0[5] += 1e-7;
+            assert!(libm::fabs(moved.residual(&UR10E, &pose) - 1e-7) < 1e-14, "answer {worst}");
+            moved.answers[worst].joints.0[2] += 2.0;
+            let there = UR10E.forward(&moved.answers[worst].joints);
+            let turned =
+                Pose { rotation: pose.rotation.transpose() * there.rotation, ..there }.rotation_vector().norm();
+            let expected = turned.max((there.translation - pose.translation).norm());
+            assert!(libm::fabs(moved.residual(&UR10E, &pose) - expected) < 1e-14, "answer {worst}");
+            moved.answers[worst].joints.0[0] = f64::NAN;
+            assert!(moved.residual(&UR10E, &pose).is_nan(), "answer {worst}");
+        }
+        assert_eq!(Branches::<6>::empty().residual(&UR10E, &pose), 0.0);
     }
 
     #[test]
