@@ -1,8 +1,11 @@
 //! Serial arms as data: a table of standard Denavit–Hartenberg parameters, what moves each link, and limits.
 
+mod chain;
+
 use crate::pose::Pose;
 use crate::units::{JointAcc, JointPos, JointVel};
-use nalgebra::{ArrayStorage, Matrix3, SMatrix, Vector3};
+use chain::{Frames, Link};
+use nalgebra::{SMatrix, Vector3};
 
 /// One row of a standard DH table (Spong, Hutchinson, Vidyasagar, "Robot Modeling and Control", 3.2): turn θ about z,
 /// shift d along z, shift a along the new x, turn α about it. A revolute joint adds to θ, a prismatic one to d.
@@ -103,76 +106,63 @@ impl<T: Copy> Rating<T> {
 impl<const N: usize> Arm<N> {
     /// Forward kinematics: the flange in the base frame.
     pub fn forward(&self, joints: &JointPos<N>) -> Pose {
-        let mut base_from_link = self.base_from_zero();
-        for link in self.links(joints) {
-            base_from_link = link.after(&base_from_link);
-        }
-        self.flange_after(&base_from_link)
+        self.flanges([joints]).pose()
     }
 
     /// Forward kinematics of every link: frames 1 to N of the table in the base frame. The flange is the last times
     /// [`Self::last_from_flange`].
     pub fn frames(&self, joints: &JointPos<N>) -> [Pose; N] {
         let mut frames = [Pose::identity(); N];
-        let mut base_from_link = self.base_from_zero();
-        for (frame, link) in frames.iter_mut().zip(self.links(joints)) {
-            base_from_link = link.after(&base_from_link);
-            *frame = base_from_link;
+        let mut frame = Frames::at(&self.base_from_zero());
+        for ((index, row, joint), after) in self.rows().zip(&mut frames) {
+            frame.step(row, &chain::link(index, row, joint, [joints]));
+            *after = frame.pose();
         }
         frames
     }
 
     /// The flange in the base frame, and how it moves with each joint (Spong, Hutchinson, Vidyasagar, 4.6).
     pub fn jacobian(&self, joints: &JointPos<N>) -> (Pose, Jacobian<N>) {
-        let zero = (Vector3::zeros(), Vector3::zeros());
-        let mut axes = [zero; N];
-        let mut base_from_link = self.base_from_zero();
-        for (axis, link) in axes.iter_mut().zip(self.links(joints)) {
-            *axis = (base_from_link.rotation.column(2).into(), base_from_link.translation);
-            base_from_link = link.after(&base_from_link);
+        let mut jacobian = Jacobian::zeros();
+        let columns = &mut jacobian.data.0;
+        let mut frame = Frames::at(&self.base_from_zero());
+        for ((index, row, joint), column) in self.rows().zip(columns.iter_mut()) {
+            // For now the origin and the axis.
+            let ([[x], [y], [z]], [[px], [py], [pz]]) = (frame.z, frame.origin);
+            *column = [px, py, pz, x, y, z];
+            frame.step(row, &chain::link(index, row, joint, [joints]));
         }
-        let flange = self.flange_after(&base_from_link);
-        let mut columns = [[0.0; 6]; N];
-        for ((column, (axis, origin)), joint) in columns.iter_mut().zip(&axes).zip(&self.joints) {
-            *column = match joint.kind {
-                JointKind::Revolute => {
-                    let linear = axis.cross(&(flange.translation - origin));
-                    [linear.x, linear.y, linear.z, axis.x, axis.y, axis.z]
+        self.end_at_flange(&mut frame);
+        let flange = frame.pose();
+        let [[tx, ty, tz]] = flange.translation.data.0;
+        for column in columns.iter_mut() {
+            let [px, py, pz, x, y, z] = *column;
+            let (rx, ry, rz) = (tx - px, ty - py, tz - pz);
+            *column = [y * rz - z * ry, z * rx - x * rz, x * ry - y * rx, x, y, z];
+        }
+        for (link, joint) in (0..N).zip(&self.joints) {
+            if joint.kind == JointKind::Prismatic
+                && let Some(column) = columns.get_mut(link)
+            {
+                let [_, _, _, x, y, z] = *column;
+                *column = [x, y, z, 0.0, 0.0, 0.0];
+            }
+            if let (Some(Coupling { joint, factor }), Some(&moved)) = (joint.coupling, columns.get(link)) {
+                for (entry, moved) in columns.get_mut(joint).into_iter().flatten().zip(moved) {
+                    *entry += factor * moved;
                 }
-                JointKind::Prismatic => [axis.x, axis.y, axis.z, 0.0, 0.0, 0.0],
-            };
-        }
-        for link in 0..N {
-            let (Some(joint), Some(&moved)) = (self.joints.get(link), columns.get(link)) else { continue };
-            let Some(Coupling { joint, factor }) = joint.coupling else { continue };
-            for (entry, moved) in columns.get_mut(joint).into_iter().flatten().zip(moved) {
-                *entry += factor * moved;
             }
         }
-        (flange, Jacobian::from_array_storage(ArrayStorage(columns)))
+        (flange, jacobian)
     }
 
     fn base_from_zero(&self) -> Pose {
         self.base_from_zero.unwrap_or(Pose::identity())
     }
 
-    fn flange_after(&self, base_from_last: &Pose) -> Pose {
-        match &self.last_from_flange {
-            Some(last_from_flange) => *base_from_last * *last_from_flange,
-            None => *base_from_last,
-        }
-    }
-
-    /// The rows of the table with the joints where they are.
-    fn links<'a>(&'a self, joints: &'a JointPos<N>) -> impl DoubleEndedIterator<Item = Dh> + 'a {
-        self.dh.iter().zip(&self.joints).zip(&joints.0).map(|((link, joint), own)| {
-            let coupled = joint.coupling.and_then(|coupling| Some(coupling.factor * joints.0.get(coupling.joint)?));
-            let variable = own + coupled.unwrap_or(0.0);
-            match joint.kind {
-                JointKind::Revolute => Dh { theta: link.theta + variable, ..*link },
-                JointKind::Prismatic => Dh { d: link.d + variable, ..*link },
-            }
-        })
+    /// The table, row by row from the base on: which it is, and what moves it.
+    fn rows(&self) -> impl DoubleEndedIterator<Item = (usize, &Dh, &Joint)> {
+        (0..N).zip(&self.dh).zip(&self.joints).map(|((index, row), joint)| (index, row, joint))
     }
 
     /// Points of the flange frame in the base frame (m): what [`Self::forward`] does with them, in fewer steps where no
@@ -187,11 +177,11 @@ impl<const N: usize> Arm<N> {
         if let Some(last_from_flange) = &self.last_from_flange {
             outward(last_from_flange, &mut points);
         }
-        for link in self.links(joints).rev() {
-            let (sin, cos) = libm::sincos(link.theta);
+        for (index, row, joint) in self.rows().rev() {
+            let link = chain::link(index, row, joint, [joints]);
             // Not by `map`, which is a call and two copies for each point.
             for point in &mut points {
-                *point = link.point(sin, cos, point);
+                *point = row.point(&link, point);
             }
         }
         if let Some(base_from_zero) = &self.base_from_zero {
@@ -204,26 +194,10 @@ impl<const N: usize> Arm<N> {
 impl Dh {
     /// A point of this row's frame in the frame before it: turned by α and shifted along x, then turned by θ and shifted
     /// along z.
-    fn point(&self, sin: f64, cos: f64, point: &Vector3<f64>) -> Vector3<f64> {
-        let (sa, ca) = (self.sin_alpha, self.cos_alpha);
+    fn point(&self, link: &Link<1>, point: &Vector3<f64>) -> Vector3<f64> {
+        let ((sa, ca), Link { sin: [sin], cos: [cos], d: [d] }) = ((self.sin_alpha, self.cos_alpha), link);
         let (x, y, z) = (point.x + self.a, ca * point.y - sa * point.z, sa * point.y + ca * point.z);
-        Vector3::new(cos * x - sin * y, sin * x + cos * y, z + self.d)
-    }
-
-    /// The frame after this link, given the one before it.
-    #[inline(always)]
-    fn after(&self, base_from_link: &Pose) -> Pose {
-        let (s, c) = libm::sincos(self.theta);
-        let axis = |column: usize| -> Vector3<f64> { base_from_link.rotation.column(column).into() };
-        let (x0, y0, z0) = (axis(0), axis(1), axis(2));
-        let x = x0 * c + y0 * s;
-        let turned = y0 * c - x0 * s;
-        let y = turned * self.cos_alpha + z0 * self.sin_alpha;
-        let z = z0 * self.cos_alpha - turned * self.sin_alpha;
-        Pose {
-            rotation: Matrix3::from_columns(&[x, y, z]),
-            translation: base_from_link.translation + z0 * self.d + x * self.a,
-        }
+        Vector3::new(cos * x - sin * y, sin * x + cos * y, z + d)
     }
 }
 
@@ -289,6 +263,32 @@ mod tests {
                 assert!((jacobian.fixed_view::<3, 1>(3, joint) - angular).norm() < 1e-8);
             }
         }
+    }
+
+    fn side_by_side_or_alone_the_flange_is_the_same<const N: usize>() {
+        let arm = crooked::<N>();
+        for k in 0..100 {
+            let (joints, other) = (joints(k), joints(k + 1));
+            let (pose, beside) = (arm.forward(&joints), arm.forward(&other));
+            assert_eq!(arm.flanges([&joints; 4]).farthest(&pose), (0.0, 0.0));
+            let away = (beside.translation - pose.translation).norm_squared();
+            let turned = (beside.rotation - pose.rotation).norm_squared();
+            let mirrored = JointPos(joints.0.map(|position| -position));
+            assert_eq!(arm.flanges([&joints, &mirrored]).farthest(&pose), arm.flanges([&mirrored]).farthest(&pose));
+            for lane in 0..4 {
+                let mut four = [&joints; 4];
+                four[lane] = &other;
+                let found = arm.flanges(four).farthest(&pose);
+                assert!((found.0 - away).abs() < 1e-13 && (found.1 - turned).abs() < 1e-13, "{found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn many_flanges_are_each_that_of_one() {
+        side_by_side_or_alone_the_flange_is_the_same::<3>();
+        side_by_side_or_alone_the_flange_is_the_same::<6>();
+        side_by_side_or_alone_the_flange_is_the_same::<9>();
     }
 
     #[test]

@@ -195,6 +195,22 @@ impl<const N: usize> Branches<N> {
         self.answers.get(..self.len).unwrap_or(&[])
     }
 
+    /// By how much the worst of the answers misses the pose they are of: the larger of the distance (m) and the angle (rad),
+    /// by forward kinematics of the joints that they have.
+    pub fn residual(&self, arm: &Arm<N>, base_from_flange: &Pose) -> f64 {
+        let (mut away, mut turned) = (0.0, 0.0);
+        let larger = |a: f64, b: f64| if b > a || b.is_nan() { b } else { a };
+        for four in self.as_slice().chunks(4) {
+            let [first, ..] = four else { continue };
+            let joints: [_; 4] = core::array::from_fn(|k| &four.get(k).unwrap_or(first).joints);
+            let (far, wide) = arm.flanges(joints).farthest(base_from_flange);
+            (away, turned) = (larger(away, far), larger(turned, wide));
+        }
+        // The axes of two rotations an angle φ apart differ by 2√2·sin φ/2 together; by rounding, more than 2√2.
+        let sine = libm::sqrt(0.125 * turned);
+        larger(libm::sqrt(away), 2.0 * libm::asin(if sine > 1.0 { 1.0 } else { sine }))
+    }
+
     /// The answer whose largest joint difference to `seed` (rad, m) is the least.
     pub fn nearest(&self, seed: &JointPos<N>) -> Option<&Answer<N>> {
         let mut best = (f64::INFINITY, None);
@@ -267,24 +283,33 @@ fn check<const N: usize>(pose: &Pose, seed: &JointPos<N>) -> Result<(), IkError>
     Err(IkError::NotRotation { by: libm::sqrt(squared) })
 }
 
+/// atan2(y, x) for who knows the length of (x, y): by tan φ/2 = sin φ/(1 + cos φ) (Abramowitz, Stegun, "Handbook of
+/// Mathematical Functions", 4.3.20) of the angle to the nearer end of the x axis. Two thirds of the instructions of libm's
+/// atan2, which chooses among more ranges and special cases. A wrong length is a wrong angle by no more than its relative error.
+#[inline(always)]
+fn angle(y: f64, x: f64, length: f64) -> f64 {
+    // Of (0, 0) the angle is zero, not 0/0.
+    let nearer = 2.0 * libm::atan(y / (length + libm::fabs(x) + f64::MIN_POSITIVE));
+    if x < 0.0 { libm::copysign(PI, y) - nearer } else { nearer }
+}
+
 /// The largest joint difference (rad, m).
 fn distance<const N: usize>(a: &JointPos<N>, b: &JointPos<N>) -> f64 {
     a.0.iter().zip(&b.0).fold(0.0, |far: f64, (a, b)| far.max(libm::fabs(a - b)))
 }
 
-/// [`turned`] of an arm whose joints all turn, where mostly one turn is enough: without branches, it is quick.
+/// [`turned`] of an arm whose joints turn or are where the seed has them. Mostly one turn is enough; without a branch for
+/// each joint, that is quickly found.
 fn turned_about<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>, seed: &JointPos<N>) -> Result<JointPos<N>, Beyond> {
     let mut near = *joints;
-    let mut beyond = f64::NEG_INFINITY;
-    let larger = |a: f64, b: f64| if a > b { a } else { b };
+    let mut inside = true;
     let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
     for ((position, seed), (low, high)) in near.0.iter_mut().zip(&seed.0).zip(limits) {
         let away = *position - seed;
         *position -= if away > PI { 2.0 * PI } else { 0.0 } - if away < -PI { 2.0 * PI } else { 0.0 };
-        let past = larger(low - *position, *position - high);
-        beyond = larger(beyond, larger(past, libm::fabs(*position - seed) - PI));
+        inside &= (*low <= *position) & (*position <= *high) & (libm::fabs(*position - seed) <= PI);
     }
-    if beyond <= 0.0 { Ok(near) } else { turned(arm, joints, seed) }
+    if inside { Ok(near) } else { turned(arm, joints, seed) }
 }
 
 /// Turns each revolute joint by full turns to lie nearest to the seed and inside the limits, or names the joint that cannot.
@@ -293,19 +318,13 @@ fn turned<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>, seed: &JointPos<N>
     let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
     let given = arm.joints.iter().zip(&seed.0).zip(limits);
     for (joint, (position, ((moved, seed), (&low, &high)))) in (0..N).zip(turned.0.iter_mut().zip(given)) {
-        *position =
-            turn(moved.kind, *position, *seed, low, high).map_err(|(position, by)| Beyond { joint, position, by })?;
+        *position = match moved.kind {
+            JointKind::Revolute => full_turns(*position, *seed, low, high),
+            JointKind::Prismatic => on_limit(*position, low, high),
+        }
+        .map_err(|(position, by)| Beyond { joint, position, by })?;
     }
     Ok(turned)
-}
-
-/// Turns one joint, if it is revolute; or, with how far it is beyond its limits, as [`full_turns`].
-#[inline]
-fn turn(kind: JointKind, position: f64, seed: f64, low: f64, high: f64) -> Result<f64, (f64, f64)> {
-    match kind {
-        JointKind::Revolute => full_turns(position, seed, low, high),
-        JointKind::Prismatic => on_limit(position, low, high),
-    }
 }
 
 /// The position plus the count of full turns that puts it nearest to the seed inside the limits; or the position nearest to
@@ -439,6 +458,45 @@ mod tests {
         let beyond =
             turned(&narrow, &JointPos([2.0 * PI - 1.2, 0.0, 0.0, 0.0, 0.0, 0.0]), &JointPos([5.0; 6])).unwrap_err();
         assert!(beyond.joint == 0 && libm::fabs(beyond.by - 0.2) < 1e-15 && libm::fabs(beyond.position - 5.083) < 1e-3);
+    }
+
+    #[test]
+    fn an_angle_is_that_of_atan2() {
+        for k in 0..10_000 {
+            let (sin, cos) = libm::sincos(f64::from(k - 5_000) * 1e-3);
+            for (y, x) in [(sin, cos), (sin * 1e-9, cos), (sin, cos * 1e-9), (sin * 1e-200, cos * 1e-200)] {
+                let (found, expected) = (angle(y, x, libm::hypot(x, y)), libm::atan2(y, x));
+                assert!(libm::fabs(found - expected) <= 9e-16, "{y}, {x}: {found}, {expected}");
+                assert!(x < 0.0 || libm::fabs(found - expected) <= 6e-16 * libm::fabs(expected), "{y}, {x}");
+            }
+        }
+        for (y, x) in [(0.0, 1.0), (-0.0, 1.0), (0.0, -1.0), (-0.0, -1.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 0.0)] {
+            assert_eq!(angle(y, x, libm::hypot(x, y)), libm::atan2(y, x), "{y}, {x}");
+        }
+    }
+
+    #[test]
+    fn the_residual_is_that_of_the_worst_answer() {
+        let joints = JointPos([0.1, -1.0, 1.0, 0.4, 0.7, 0.2]);
+        let pose = UR10E.forward(&joints);
+        let found = ur::inverse(&UR10E, &pose, &joints).unwrap();
+        assert_eq!(found.as_slice().len(), 8);
+        assert!(found.residual(&UR10E, &pose) < 5e-15);
+        for worst in 0..8 {
+            // Joint 6 turns the flange about its own axis and moves it nowhere; the elbow does both.
+            let mut moved = found;
+            moved.answers[worst].joints.0[5] += 1e-7;
+            assert!(libm::fabs(moved.residual(&UR10E, &pose) - 1e-7) < 1e-14, "answer {worst}");
+            moved.answers[worst].joints.0[2] += 2.0;
+            let there = UR10E.forward(&moved.answers[worst].joints);
+            let turned =
+                Pose { rotation: pose.rotation.transpose() * there.rotation, ..there }.rotation_vector().norm();
+            let expected = turned.max((there.translation - pose.translation).norm());
+            assert!(libm::fabs(moved.residual(&UR10E, &pose) - expected) < 1e-14, "answer {worst}");
+            moved.answers[worst].joints.0[0] = f64::NAN;
+            assert!(moved.residual(&UR10E, &pose).is_nan(), "answer {worst}");
+        }
+        assert_eq!(Branches::<6>::empty().residual(&UR10E, &pose), 0.0);
     }
 
     #[test]

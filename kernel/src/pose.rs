@@ -2,7 +2,7 @@
 //! frame, and inner names cancel: `base_from_part = base_from_tcp * tcp_from_part`.
 
 use core::ops::Mul;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{ArrayStorage, Matrix3, Vector3};
 
 /// A rigid transform: rotation (orthonormal, determinant +1) and translation (m).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,13 +15,16 @@ pub struct Pose {
 
 impl Pose {
     /// Both frames coincide.
-    pub fn identity() -> Self {
-        Self { rotation: Matrix3::identity(), translation: Vector3::zeros() }
+    #[inline]
+    pub const fn identity() -> Self {
+        Self::from_translation(0.0, 0.0, 0.0)
     }
 
     /// A pure shift (m).
-    pub fn from_translation(x: f64, y: f64, z: f64) -> Self {
-        Self { rotation: Matrix3::identity(), translation: Vector3::new(x, y, z) }
+    #[inline]
+    pub const fn from_translation(x: f64, y: f64, z: f64) -> Self {
+        let rotation = Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
+        Self { rotation, translation: Vector3::new(x, y, z) }
     }
 
     /// Translation (m) and rotation vector (axis times angle, rad): the six numbers of a UR controller's pose.
@@ -59,10 +62,18 @@ impl Pose {
 impl Mul for Pose {
     type Output = Self;
 
+    #[inline]
     fn mul(self, inner: Self) -> Self {
+        let ([x, y, z], [[tx, ty, tz]]) = (self.rotation.data.0, self.translation.data.0);
+        // Column by column: in a loop over entries, compilers do not see that three lie side by side.
+        let turned = |[a, b, c]: [f64; 3]| {
+            [x[0] * a + y[0] * b + z[0] * c, x[1] * a + y[1] * b + z[1] * c, x[2] * a + y[2] * b + z[2] * c]
+        };
+        let (columns, [origin]) = (inner.rotation.data.0, inner.translation.data.0);
+        let [px, py, pz] = turned(origin);
         Self {
-            rotation: self.rotation * inner.rotation,
-            translation: self.rotation * inner.translation + self.translation,
+            rotation: Matrix3::from_array_storage(ArrayStorage(columns.map(turned))),
+            translation: Vector3::new(px + tx, py + ty, pz + tz),
         }
     }
 }

@@ -3,7 +3,7 @@
 use crate::record::Record;
 use screed_kernel::arm::Arm;
 use screed_kernel::arms::{abb, comau, kuka, ur};
-use screed_kernel::ik::{Answer, Branches, Family};
+use screed_kernel::ik::{Answer, Branches, Family, IkError};
 use screed_kernel::units::JointPos;
 
 /// An arm of ours.
@@ -24,12 +24,12 @@ impl Ours {
     }
 
     /// All branches.
-    pub fn all(&self, input: &Record) -> Option<Branches<6>> {
-        self.family.inverse(&self.arm, &input.base_from_flange, &input.seed).ok()
+    pub fn all(&self, input: &Record) -> Result<Branches<6>, IkError> {
+        self.family.inverse(&self.arm, &input.base_from_flange, &input.seed)
     }
 
     /// The branch nearest to the seed.
-    pub fn nearest(&self, input: &Record) -> Option<Answer<6>> {
-        self.family.nearest(&self.arm, &input.base_from_flange, &input.seed).ok()
+    pub fn nearest(&self, input: &Record) -> Result<Answer<6>, IkError> {
+        self.family.nearest(&self.arm, &input.base_from_flange, &input.seed)
     }
 }

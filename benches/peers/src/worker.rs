@@ -11,14 +11,15 @@ use crate::opw;
 use crate::record::{self, Record};
 use rustix::time::{ClockId, clock_gettime};
 use screed_kernel::arm::Jacobian;
-use screed_kernel::ik::{Answer, Branches};
+use screed_kernel::ik::{Answer, Branches, IkError};
 use screed_kernel::pose::Pose;
 use std::hint::black_box;
 use std::io::{BufRead, BufWriter, Write};
 use std::path::Path;
 
 /// How far the forward kinematics of an answer may be from the pose sought, in each entry: the tolerance of
-/// ur-analytic-ik's own verification.
+/// ur-analytic-ik's own verification. As a distance and an angle, which is how the kernel verifies branches, no entry may be
+/// farther either.
 const VERIFIED: f64 = 1e-9;
 
 /// Does the work that `item` names for an arm on the inputs in a file.
@@ -57,23 +58,25 @@ pub fn work(item: &str, arm: &str, inputs: &Path, passes: Option<u64>) -> Outcom
     match item {
         "all" => serve(inputs, passes, |input| ours.all(input), show_all),
         "all-verified" => serve(inputs, passes, |input| all_verified(ours, input), show_all),
-        "nearest" => serve(inputs, passes, |input| ours.nearest(input), show_nearest),
+        "nearest" => serve(inputs, passes, |input| ours.nearest(input).ok(), show_nearest),
         "nearest-verified" => serve(inputs, passes, |input| nearest_verified(ours, input), show_nearest),
         "jacobian" => serve(inputs, passes, |input| ours.arm.jacobian(&input.joints), show_jacobian),
         _ => Err(format!("no such item: {item}").into()),
     }
 }
 
-fn all_verified(ours: &Ours, input: &Record) -> Option<Branches<6>> {
-    ours.all(input).filter(|all| verified(ours, input, all.as_slice()))
+/// Branches that do not verify are an error: shown as none, which the comparison with the peer does not let pass.
+fn all_verified(ours: &Ours, input: &Record) -> Result<Branches<6>, IkError> {
+    let all = ours.all(input);
+    match all.as_ref().map(|all| all.residual(&ours.arm, &input.base_from_flange)) {
+        Ok(residual) if residual <= VERIFIED => all,
+        Ok(residual) => Err(IkError::NotConverged { residual }),
+        Err(_) => all,
+    }
 }
 
 fn nearest_verified(ours: &Ours, input: &Record) -> Option<Answer<6>> {
-    ours.nearest(input).filter(|answer| verified(ours, input, std::slice::from_ref(answer)))
-}
-
-fn verified(ours: &Ours, input: &Record, answers: &[Answer<6>]) -> bool {
-    answers.iter().all(|answer| reaches(&ours.arm.forward(&answer.joints), &input.base_from_flange))
+    ours.nearest(input).ok().filter(|answer| reaches(&ours.arm.forward(&answer.joints), &input.base_from_flange))
 }
 
 fn reaches(is: &Pose, sought: &Pose) -> bool {
@@ -82,7 +85,7 @@ fn reaches(is: &Pose, sought: &Pose) -> bool {
     rotation <= VERIFIED && translation <= VERIFIED
 }
 
-fn show_all(branches: &Option<Branches<6>>, numbers: &mut Vec<f64>) {
+fn show_all(branches: &Result<Branches<6>, IkError>, numbers: &mut Vec<f64>) {
     show(branches.as_ref().map_or(&[], Branches::as_slice), numbers);
 }
 

@@ -299,6 +299,12 @@ macro_rules! inverse_roots {
                 (found, ik::turns(arm, seed).last(), nearest)
             }
 
+            /// [`Branches::residual`]
+            #[unsafe(export_name = concat!("root_residual_", $joints))]
+            pub fn residual(found: &Branches<$joints>, arm: &Arm<$joints>, pose: &Pose) -> f64 {
+                found.residual(arm, pose)
+            }
+
             /// [`Family::nearest`]
             #[unsafe(export_name = concat!("root_family_nearest_", $joints))]
             pub fn family_nearest(

@@ -16,7 +16,7 @@
 mod corner;
 mod near;
 
-use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, turned_about};
+use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, angle, check, distance, turned_about};
 use crate::arm::{Arm, Dh, Joint, JointKind};
 use crate::pose::Pose;
 use crate::units::JointPos;
@@ -262,21 +262,20 @@ impl Geometry {
             let hand = plane.hand(target, table[5]);
             for wrist in [Side::Plus, Side::Minus] {
                 let hand = hand.on(wrist);
-                let reached = match self.bend_to(target, &plane, &hand) {
-                    Ok(bend) => Ok((plane, hand, bend)),
-                    Err(by) => self.corner(target, (&plane, &hand, wrist), &table, by),
-                };
-                match reached {
-                    Ok((plane, hand, bend)) => {
-                        for elbow in [Side::Plus, Side::Minus] {
-                            let branch = Branch { shoulder, elbow, wrist };
-                            match self.answer(arm, (&plane, &hand, &bend), branch, seed) {
-                                Ok(answer) => found.push(answer),
-                                Err(beyond) => missed.limit(beyond),
-                            }
+                let mut bent = |plane: &Plane, hand: &Hand, bend: &Bend| {
+                    for elbow in [Side::Plus, Side::Minus] {
+                        match self.answer(arm, (plane, hand, bend), Branch { shoulder, elbow, wrist }, seed) {
+                            Ok(answer) => found.push(answer),
+                            Err(beyond) => missed.limit(beyond),
                         }
                     }
-                    Err(by) => missed.reach(by),
+                };
+                match self.bend_to(target, &plane, &hand) {
+                    Ok(bend) => bent(&plane, &hand, &bend),
+                    Err(by) => match self.corner(target, (&plane, &hand, wrist), &table, by) {
+                        Ok((plane, hand, bend)) => bent(&plane, &hand, &bend),
+                        Err(by) => missed.reach(by),
+                    },
                 }
             }
         }
@@ -323,7 +322,7 @@ impl Geometry {
         };
         let Target { x, y, z, .. } = target;
         Plane {
-            theta1: if free { seed } else { libm::atan2(s1, c1) },
+            theta1: if free { seed } else { angle(s1, c1, 1.0) },
             along,
             margin: if free { 0.0 } else { libm::fabs(along) / libm::sqrt(squared) },
             nx: s1 * x.x - c1 * x.y,
@@ -365,7 +364,7 @@ impl Geometry {
         Ok(Bend {
             px,
             py,
-            theta3: libm::atan2(margin, cosine),
+            theta3: angle(margin, cosine, 1.0),
             ahead: self.a2 + self.a3 * cosine,
             aside: self.a3 * margin,
             margin,
@@ -382,7 +381,12 @@ impl Geometry {
     ) -> Result<Answer<N>, Beyond> {
         let aside = bend.aside * branch.elbow.sign();
         let theta3 = bend.theta3 * branch.elbow.sign();
-        let theta2 = libm::atan2(bend.ahead * bend.py - aside * bend.px, bend.ahead * bend.px + aside * bend.py);
+        // Seen along the upper arm or in the plane, frame 4's origin is as far from joint 2.
+        let theta2 = angle(
+            bend.ahead * bend.py - aside * bend.px,
+            bend.ahead * bend.px + aside * bend.py,
+            bend.px * bend.px + bend.py * bend.py,
+        );
         let table = [plane.theta1, theta2, theta3, hand.theta234 - theta2 - theta3, hand.theta5, hand.theta6];
         let mut joints = JointPos::ZERO;
         for ((position, angle), offset) in joints.0.iter_mut().zip(table).zip(self.offsets) {
@@ -406,7 +410,7 @@ impl Plane {
         let margin = libm::sqrt(self.nx * self.nx + self.ny * self.ny);
         let free = margin < WRIST_SINGULAR;
         let (s6, c6) = if free { libm::sincos(seed) } else { (-self.ny / margin, self.nx / margin) };
-        let theta6 = if free { seed } else { libm::atan2(s6, c6) };
+        let theta6 = if free { seed } else { angle(s6, c6, 1.0) };
         self.hand_with(target, (s6, c6, theta6), margin, free)
     }
 
@@ -415,8 +419,8 @@ impl Plane {
         let (sine, cosine) = (-(self.ux * s6 + self.uy * c6), target.x.z * s6 + target.y.z * c6);
         // With θ₆ given, what is seen of sin θ₅; less is lost than with its size.
         let seen = if free { self.nx * c6 - self.ny * s6 } else { margin };
-        let theta234 = libm::atan2(sine, cosine);
-        Hand { theta5: libm::atan2(seen, self.nz), theta6, theta234, sine, cosine, margin, free }
+        let theta234 = angle(sine, cosine, 1.0);
+        Hand { theta5: angle(seen, self.nz, 1.0), theta6, theta234, sine, cosine, margin, free }
     }
 }
 

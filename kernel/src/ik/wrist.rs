@@ -13,8 +13,12 @@
 //! share of the stretched arm. Elbow and wrist: those two sines. A margin below [`FREE`] leaves a joint free: θ₁, θ₄, and θ₂
 //! where upper arm and forearm are of one length and the wrist's centre comes to axis 2.
 
-use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, on_limit, turn};
-use crate::arm::{Arm, JointKind};
+mod shape;
+
+use super::{
+    Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, angle, check, distance, on_limit, turned_about,
+};
+use crate::arm::Arm;
 use crate::pose::Pose;
 use crate::units::JointPos;
 use core::f64::consts::{FRAC_PI_2, PI};
@@ -24,8 +28,6 @@ use nalgebra::{Matrix3, Vector3};
 pub const REACH_TOLERANCE: f64 = 5e-13;
 /// Lengths (m) and sines below which a joint is free, and stays where the seed has it.
 pub const FREE: f64 = 1e-13;
-/// How far (m, and as sine or cosine) a table may be from the shape.
-const SHAPE_TOLERANCE: f64 = 1e-14;
 
 /// What a table says of an arm with a spherical wrist.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,57 +92,6 @@ pub fn nearest<const N: usize>(
 }
 
 impl Geometry {
-    /// The geometry of an arm whose last six joints have this shape; `None` if they do not, or if a coupling is not a whole
-    /// number, so that full turns of one joint would move another link.
-    pub fn of<const N: usize>(arm: &Arm<N>) -> Option<Self> {
-        let (_, [one, two, three, four, five, six]) = arm.dh.split_last_chunk::<6>()?;
-        let (_, joints) = arm.joints.split_last_chunk::<6>()?;
-        let whole = |factor: f64| libm::round(factor) == factor;
-        let turning = joints.iter().all(|joint| joint.kind == JointKind::Revolute);
-        let coupled = joints.iter().filter_map(|joint| joint.coupling);
-        let zeros = [four.a, five.a, five.d, two.sin_alpha];
-        let square = [one.cos_alpha, three.cos_alpha, four.cos_alpha, five.cos_alpha];
-        let near = |value: &f64| libm::fabs(*value) <= SHAPE_TOLERANCE;
-        if !turning || !coupled.clone().all(|coupling| whole(coupling.factor)) || !zeros.iter().chain(&square).all(near)
-        {
-            return None;
-        }
-        let sign = |value: f64| Side::of(value).sign();
-        let (s1, c2, s3) = (sign(one.sin_alpha), sign(two.cos_alpha), sign(three.sin_alpha));
-        let (fore_x, fore_y) = (three.a, -c2 * s3 * four.d);
-        let fore = libm::sqrt(fore_x * fore_x + fore_y * fore_y);
-        if !(libm::fabs(two.a) > REACH_TOLERANCE && fore > REACH_TOLERANCE) {
-            return None;
-        }
-        let (sin, cos) = (six.sin_alpha, six.cos_alpha);
-        let six_from_last = Pose {
-            rotation: Matrix3::new(1.0, 0.0, 0.0, 0.0, cos, -sin, 0.0, sin, cos),
-            translation: Vector3::new(six.a, 0.0, six.d),
-        };
-        let six_from_flange = arm.last_from_flange.map_or(six_from_last, |flange| six_from_last * flange);
-        Some(Self {
-            d1: one.d,
-            a1: one.a,
-            b: s1 * (two.d + c2 * three.d),
-            upper: two.a,
-            fore,
-            fore_x: fore_x / fore,
-            fore_y: fore_y / fore,
-            fore_angle: libm::atan2(fore_y, fore_x),
-            stretched: 1.0 / (libm::fabs(two.a) + fore),
-            s1,
-            c2,
-            s3,
-            s4: sign(four.sin_alpha),
-            s5: sign(five.sin_alpha),
-            share: 1.0 / (1.0 + coupled.clone().fold(0.0, |most: f64, coupling| most.max(libm::fabs(coupling.factor)))),
-            offsets: [one.theta, two.theta, three.theta, four.theta, five.theta, six.theta],
-            coupled: coupled.count() > 0,
-            zero_from_base: arm.base_from_zero.map(|base_from_zero| base_from_zero.inverse()),
-            flange_from_six: six_from_flange.inverse(),
-        })
-    }
-
     /// As the free function [`inverse`], for a caller that keeps the geometry.
     ///
     /// # Errors
@@ -195,24 +146,13 @@ impl Geometry {
                     continue;
                 }
             };
-            let mut joints = *seed;
-            if let Err(beyond) = self.place(arm, seed, &mut joints, 0, [shoulder.theta1]) {
-                missed.limit(beyond);
-                continue;
-            }
             let across = Across::new(self, goal, &shoulder);
             for side in [Side::Plus, Side::Minus] {
                 let elbow = self.elbow(goal, &bend, side);
-                let mut joints = joints;
-                if let Err(beyond) = self.place(arm, seed, &mut joints, 1, [elbow.theta2, elbow.theta3]) {
-                    missed.limit(beyond);
-                    continue;
-                }
                 let wrist = self.wrist(goal, &across, &elbow);
                 for wrist in [wrist, wrist.flipped()] {
-                    let mut joints = joints;
-                    match self.place(arm, seed, &mut joints, 3, [wrist.theta4, wrist.theta5, wrist.theta6]) {
-                        Ok(()) => found.push(answer(joints, &shoulder, &elbow, &wrist)),
+                    match self.answer(arm, seed, (&shoulder, &elbow, &wrist)) {
+                        Ok(answer) => found.push(answer),
                         Err(beyond) => missed.limit(beyond),
                     }
                 }
@@ -238,10 +178,7 @@ impl Geometry {
         if side(seed5) == Side::Minus {
             wrist = wrist.flipped();
         }
-        let angles = [shoulder.theta1, elbow.theta2, elbow.theta3, wrist.theta4, wrist.theta5, wrist.theta6];
-        let mut joints = *seed;
-        self.place(arm, seed, &mut joints, 0, angles).ok()?;
-        let answer = answer(joints, &shoulder, &elbow, &wrist);
+        let answer = self.answer(arm, seed, (&shoulder, &elbow, &wrist)).ok()?;
         let apart = self.share * shoulder.apart.min(elbow.margin).min(wrist.margin);
         Some((answer, distance(&answer.joints, seed), apart))
     }
@@ -274,8 +211,8 @@ impl Geometry {
         let scale = 1.0 / (ahead * ahead + self.b * self.b);
         let pair = |x: f64| ((py * x + px * self.b) * scale, (px * x - py * self.b) * scale);
         let ((sin, cos), (sin_behind, cos_behind)) = (pair(ahead), pair(-ahead));
-        let theta1 = libm::atan2(sin, cos);
-        let behind = if self.b == 0.0 { opposite(theta1) } else { libm::atan2(sin_behind, cos_behind) };
+        let theta1 = angle(sin, cos, 1.0);
+        let behind = if self.b == 0.0 { opposite(theta1) } else { angle(sin_behind, cos_behind, 1.0) };
         let apart = if self.b == 0.0 { 1.0 } else { ahead / distance };
         let front = Shoulder {
             side: Side::Plus,
@@ -309,13 +246,14 @@ impl Geometry {
         let scale = 0.5 / (self.upper * fore);
         let sin = libm::sqrt((straight * folded).max(0.0)) * libm::fabs(scale);
         let cos = ((squared - upper * upper - fore * fore) * scale).clamp(-1.0, 1.0);
-        Ok(Bend { x, y, squared, sin, cos, angle: libm::atan2(sin, cos) })
+        Ok(Bend { x, y, squared, sin, cos, angle: angle(sin, cos, 1.0) })
     }
 
     fn theta3(&self, bend: &Bend, side: Side) -> f64 {
         self.c2 * (side.sign() * bend.angle - self.fore_angle)
     }
 
+    #[inline(always)]
     fn elbow(&self, goal: &Goal, bend: &Bend, side: Side) -> Elbow {
         let (sin, cos) = (side.sign() * bend.sin, bend.cos);
         // The wrist's centre seen along the upper arm, and square to it.
@@ -327,7 +265,7 @@ impl Geometry {
         } else {
             let scale = 1.0 / libm::sqrt(bend.squared * (along * along + across * across));
             let (sin2, cos2) = (bend.y * along - bend.x * across, bend.x * along + bend.y * across);
-            (libm::atan2(sin2, cos2), (sin2 * scale, cos2 * scale))
+            (angle(sin2 * scale, cos2 * scale, 1.0), (sin2 * scale, cos2 * scale))
         };
         // The line from the elbow to the wrist's centre, then frame 3's x axis.
         let (sin, cos) = (sin2 * cos + cos2 * sin, cos2 * cos - sin2 * sin);
@@ -344,6 +282,7 @@ impl Geometry {
 
     /// Joints 4 to 6 with sin θ₅ ≥ 0, from the rotation that joints 1 to 3 leave to them. θ₆ is found after θ₄, and fits it
     /// also where that is ill determined.
+    #[inline(always)]
     fn wrist(&self, goal: &Goal, across: &Across, elbow: &Elbow) -> Wrist {
         let Across { level: [g1, g2, g3], up: [e1, e2, e3], side: [h1, h2, h3] } = *across;
         let (sin, cos) = (elbow.sin, elbow.cos);
@@ -355,7 +294,7 @@ impl Geometry {
             (theta4, libm::sincos(theta4))
         } else {
             let (sin4, cos4) = (self.s5 * approach.1, self.s5 * approach.0);
-            (libm::atan2(sin4, cos4), (sin4 / margin, cos4 / margin))
+            (angle(sin4, cos4, margin), (sin4 / margin, cos4 / margin))
         };
         let sense = -self.s4 * self.s5;
         let sin6 = sense * (cos4 * h1 - sin4 * (cos * g1 + sin * e1));
@@ -363,56 +302,43 @@ impl Geometry {
         Wrist {
             side: Side::Plus,
             theta4,
-            theta5: libm::atan2(self.s5 * (cos4 * approach.0 + sin4 * approach.1), sense * approach.2),
-            theta6: libm::atan2(sin6, cos6),
+            theta5: angle(self.s5 * (cos4 * approach.0 + sin4 * approach.1), sense * approach.2, 1.0),
+            theta6: angle(sin6, cos6, 1.0),
             margin,
             free,
         }
     }
 
-    /// Gives some of the last six links their angles, from one on, by joints inside their limits and nearest to the seed.
-    /// The joints before them are in place.
-    #[inline]
-    fn place<const N: usize, const COUNT: usize>(
+    /// The joints that give the links these angles, each inside its limits and nearest to the seed. A coupled joint may
+    /// follow one before its full turns: with a whole factor they are full turns of its own.
+    #[inline(always)]
+    fn answer<const N: usize>(
         &self,
         arm: &Arm<N>,
         seed: &JointPos<N>,
-        joints: &mut JointPos<N>,
-        from: usize,
-        angles: [f64; COUNT],
-    ) -> Result<(), Beyond> {
-        let first = N.wrapping_sub(6).wrapping_add(from);
-        for ((joint, angle), offset) in (first..N).zip(angles).zip(self.offsets.iter().skip(from)) {
-            let coupled = if self.coupled { coupled(arm, joint, joints) } else { 0.0 };
-            let limits = (arm.position_min.0.get(joint), arm.position_max.0.get(joint));
-            let ((Some(low), Some(high)), Some(near)) = (limits, seed.0.get(joint)) else { continue };
-            let position = turn(JointKind::Revolute, angle - offset - coupled, *near, *low, *high)
-                .map_err(|(position, by)| Beyond { joint, position, by })?;
-            if let Some(slot) = joints.0.get_mut(joint) {
-                *slot = position;
+        (shoulder, elbow, wrist): (&Shoulder, &Elbow, &Wrist),
+    ) -> Result<Answer<N>, Beyond> {
+        let angles = [shoulder.theta1, elbow.theta2, elbow.theta3, wrist.theta4, wrist.theta5, wrist.theta6];
+        let mut joints = *seed;
+        let first = N.wrapping_sub(6);
+        for ((joint, angle), offset) in (first..N).zip(angles).zip(self.offsets) {
+            let coupled = if self.coupled { coupled(arm, joint, &joints) } else { 0.0 };
+            if let Some(position) = joints.0.get_mut(joint) {
+                *position = angle - offset - coupled;
             }
         }
-        Ok(())
-    }
-}
-
-/// The answer of a branch whose joints are in place.
-fn answer<const N: usize>(joints: JointPos<N>, shoulder: &Shoulder, elbow: &Elbow, wrist: &Wrist) -> Answer<N> {
-    let first = N.wrapping_sub(6);
-    let free = if shoulder.free {
-        Some(first)
-    } else if elbow.free {
-        Some(first.wrapping_add(1))
-    } else if wrist.free {
-        Some(first.wrapping_add(3))
-    } else {
-        None
-    };
-    Answer {
-        joints,
-        branch: Some(Branch { shoulder: shoulder.side, elbow: elbow.side, wrist: wrist.side }),
-        margins: Some(Margins { shoulder: shoulder.margin, elbow: elbow.margin, wrist: wrist.margin }),
-        free,
+        let free = match (shoulder.free, elbow.free, wrist.free) {
+            (true, ..) => Some(first),
+            (_, true, _) => Some(first.wrapping_add(1)),
+            (.., true) => Some(first.wrapping_add(3)),
+            _ => None,
+        };
+        Ok(Answer {
+            joints: turned_about(arm, &joints, seed)?,
+            branch: Some(Branch { shoulder: shoulder.side, elbow: elbow.side, wrist: wrist.side }),
+            margins: Some(Margins { shoulder: shoulder.margin, elbow: elbow.margin, wrist: wrist.margin }),
+            free,
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! The closed form against forward kinematics: sides, turns, singular poses, refusals.
 
 use super::*;
-use crate::arm::{Coupling, Dh, Joint, Rating};
+use crate::arm::{Coupling, Dh, Joint, JointKind, Rating};
 use crate::arms::{abb, comau, crane, kuka, opw::Opw, ur::UR10E};
 
 /// SplitMix64.
