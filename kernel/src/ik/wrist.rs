@@ -13,6 +13,7 @@
 //! share of the stretched arm. Elbow and wrist: those two sines. A margin below [`FREE`] leaves a joint free: θ₁, θ₄, and θ₂
 //! where upper arm and forearm are of one length and the wrist's centre comes to axis 2.
 
+mod near;
 mod shape;
 
 use super::{
@@ -62,6 +63,8 @@ pub struct Geometry {
     zero_from_base: Option<Pose>,
     /// Frame 6 before its joint turns, in the flange.
     flange_from_six: Pose,
+    /// How far (m) out of reach a pose may be and is then met as nearly as can be.
+    slack: f64,
 }
 
 /// Every branch (shoulder × elbow × wrist) that reaches the pose, each joint turned by full turns to lie nearest to `seed` and
@@ -188,7 +191,7 @@ impl Geometry {
         let (px, py) = (goal.wrist.x, goal.wrist.y);
         let distance = libm::sqrt(px * px + py * py);
         let beside = libm::fabs(self.b);
-        if beside - distance > REACH_TOLERANCE {
+        if beside - distance > self.slack {
             return Err(IkError::OutOfReach { by: beside - distance });
         }
         if distance < FREE {
@@ -239,7 +242,7 @@ impl Geometry {
         if straight < 0.0 || folded < 0.0 {
             let reach = libm::sqrt(squared);
             let missing = (reach - (upper + fore)).max(libm::fabs(upper - fore) - reach);
-            if missing > REACH_TOLERANCE {
+            if missing > self.slack {
                 return Err(missing);
             }
         }

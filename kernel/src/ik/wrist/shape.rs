@@ -58,6 +58,7 @@ impl Geometry {
             coupled: coupled.count() > 0,
             zero_from_base: arm.base_from_zero.map(|base_from_zero| base_from_zero.inverse()),
             flange_from_six: six_from_flange.inverse(),
+            slack: REACH_TOLERANCE,
         })
     }
 }
