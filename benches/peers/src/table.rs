@@ -5,6 +5,7 @@ use crate::check::{self, Agreement};
 use crate::child::{Job, Outcome};
 use crate::race::{self, Pair, Timed};
 use crate::record::{self, Record};
+use std::fs;
 use std::path::Path;
 
 /// Inputs on which both must agree, and those that are timed.
@@ -67,8 +68,11 @@ pub fn side_by_side(workers: &Path) -> Outcome<()> {
     }
 
     let (mut pairs, mut hashes) = (Vec::new(), Vec::new());
+    // They stay, for a profiler.
+    let kept = workers.join("inputs");
+    fs::create_dir_all(&kept)?;
     for line in &lines {
-        let inputs = folder.path().join(line.ours.arm.name);
+        let inputs = kept.join(line.ours.arm.name);
         hashes.push(record::write(&inputs, &record::random(&line.ours.arm, TIMED, 2))?);
         pairs.extend(line.builds.iter().map(|build| line.pair(&workers.join(build), &inputs, TIMED)));
     }
