@@ -3,7 +3,7 @@
 mod common;
 
 use common::Random;
-use common::dense::{Dense, stack};
+use common::dense::{Dense, matrix, stack};
 use common::estimation::{against_dense, band, consistency, dropout, long, mean};
 use common::plant::{DENSITY, N, Noise, PAPER, Plant, TRACKER, deviation};
 use nalgebra::Vector3;
@@ -216,4 +216,40 @@ fn a_pose_moves_the_estimate_towards_the_truth() {
     assert!((verdict.nis() - nis).abs() < 1e-6 * nis);
     let after = (stack(&plant.truth) - stack(ekf.state())).fixed_rows::<N>(0).norm();
     assert!(after < 0.5 * before, "{before} {after}");
+}
+
+/// From far away one tangent does not reach the measured place; a second one from there does. Near it there is nothing to gain.
+#[test]
+fn an_iterated_pose_comes_nearer_to_what_was_measured() {
+    let (mut once_off, mut twice_off) = (0.0, 0.0);
+    for seed in 0..50 {
+        let mut plant = Plant::new(seed, TRACKER, 1e-3);
+        let far = deviation(&PAPER);
+        let mut start = plant.truth;
+        for q in &mut start.position.0 {
+            *q += far.position.0[0] * plant.random.normal();
+        }
+        let pose = plant.pose();
+        let mut once = Ekf::new(start, &far, &DENSITY).unwrap();
+        let mut twice = once;
+        let (first, second) = (once.pose(&UR10E, &pose).unwrap(), twice.pose_iterated(&UR10E, &pose).unwrap());
+        assert!(first.is_taken() && second.is_taken());
+        let off = |ekf: &Ekf<N>| Dense::of(ekf).pose(&pose).y.fixed_rows::<3>(0).norm();
+        (once_off, twice_off) = (once_off + off(&once), twice_off + off(&twice));
+    }
+    assert!(twice_off < 0.7 * once_off, "{once_off} {twice_off}");
+    let mut plant = Plant::new(1, TRACKER, 1e-3);
+    let mut ekf = plant.filter();
+    for _ in 0..300 {
+        let jerk = plant.step();
+        ekf.predict(plant.dt, &jerk).unwrap();
+        ekf.pose(&UR10E, &plant.pose()).unwrap();
+    }
+    let mut twice = ekf;
+    let pose = plant.pose();
+    ekf.pose(&UR10E, &pose).unwrap();
+    twice.pose_iterated(&UR10E, &pose).unwrap();
+    let sigma = matrix(&ekf).diagonal().map(f64::sqrt);
+    let apart = (stack(ekf.state()) - stack(twice.state())).component_div(&sigma).amax();
+    assert!(apart < 1e-2, "{apart}");
 }

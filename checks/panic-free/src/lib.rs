@@ -147,7 +147,8 @@ macro_rules! kernel_roots {
                 arm: &Arm<$joints>,
                 measured: &TrackedPose,
             ) -> Result<Verdict, EkfError> {
-                ekf.pose(arm, measured)
+                let once = ekf.pose(arm, measured)?;
+                if once.is_taken() { Ok(once) } else { ekf.pose_iterated(arm, measured) }
             }
 
             /// [`Replay`], all of it.

@@ -18,8 +18,8 @@ pub use trial::{Sample, run};
 /// Joints of the arm.
 pub const N: usize = 6;
 
-/// Densities that tuning tries (rad²/s⁵).
-pub const DENSITIES: [f64; 9] = [0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 2.0, 5.0];
+/// What tuning tries for [`Case::jerk_time_s`] (s).
+pub const JERK_TIMES: [f64; 9] = [0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0];
 
 /// Why the experiment cannot be done.
 #[derive(Debug, Error)]
@@ -94,7 +94,7 @@ pub struct Case {
     pub name: String,
     pub period_ms: f64,
     pub rate_deviation_rad_s: Option<f64>,
-    pub jerk_density: f64,
+    pub jerk_time_s: f64,
     pub aim_m: Option<f64>,
     pub aim_deg: Option<f64>,
 }
@@ -179,7 +179,7 @@ impl SetUp {
         }
         let short = |case: &Case| case.period_ms > 1e3 * (duration_s - unscored_s);
         let rates = |case: &Case| case.rate_deviation_rad_s.unwrap_or(1.0);
-        if cases.iter().any(|case| !positive(&[case.period_ms, case.jerk_density, rates(case)]) || short(case)) {
+        if cases.iter().any(|case| !positive(&[case.period_ms, case.jerk_time_s, rates(case)]) || short(case)) {
             return fail("a case's numbers have to be positive, its period shorter than what is scored");
         }
         Ok(set_up)

@@ -2,7 +2,7 @@
 
 use super::args::{BenchCommand, Fig6Args};
 use super::say;
-use crate::bench::fig6::{self, Case, DENSITIES, Fig6Error, Score, SetUp, plot, report};
+use crate::bench::fig6::{self, Case, Fig6Error, JERK_TIMES, Score, SetUp, plot, report};
 use crate::bench::servoj::{self, ServojError};
 use crate::failure::{Exit, Failure};
 
@@ -18,11 +18,11 @@ fn fig6(args: &Fig6Args) -> Result<(), Failure> {
     let set_up = SetUp::parse(screed_fixtures::FIG6)?;
     if args.tune {
         for case in &set_up.cases {
-            let try_one = |density| {
-                let case = Case { jerk_density: density, ..case.clone() };
-                Ok((density, Score::of(&set_up, &case, set_up.seeds.tune)?))
+            let try_one = |time| {
+                let case = Case { jerk_time_s: time, ..case.clone() };
+                Ok((time, Score::of(&set_up, &case, set_up.seeds.tune)?))
             };
-            let tried = DENSITIES.into_iter().map(try_one).collect::<Result<Vec<_>, Fig6Error>>()?;
+            let tried = JERK_TIMES.into_iter().map(try_one).collect::<Result<Vec<_>, Fig6Error>>()?;
             say(&report::tuning(case, &tried))?;
         }
         return Ok(());

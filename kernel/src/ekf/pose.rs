@@ -2,8 +2,9 @@
 
 use super::covariance::Rows;
 use super::{Ekf, EkfError, Verdict, add, positive};
-use crate::arm::Arm;
+use crate::arm::{Arm, Jacobian};
 use crate::pose::Pose;
+use crate::units::JointPos;
 use nalgebra::{Matrix3, Vector3};
 
 /// How far RᵀR of a measured rotation may be from the identity: what single precision leaves of a unit quaternion.
@@ -34,28 +35,32 @@ impl<const N: usize> Ekf<N> {
     /// # Errors
     /// [`EkfError`] for input that is no pose, for deviations that are not positive, and for a filter that has broken down.
     pub fn pose(&mut self, arm: &Arm<N>, measured: &TrackedPose) -> Result<Verdict, EkfError> {
-        positive(&[measured.position_deviation, measured.rotation_deviation])?;
-        let base_from_target = measured.tracker_from_base.inverse() * measured.tracker_from_target;
-        rotation_is_sound(&base_from_target.rotation)?;
-        let (base_from_flange, mut jacobian) = arm.jacobian(&self.state().position);
-        let expected = base_from_flange * measured.flange_from_target;
-        let lever = expected.translation - base_from_flange.translation;
-        let position = base_from_target.translation - expected.translation;
-        let turn =
-            Pose { rotation: base_from_target.rotation * expected.rotation.transpose(), translation: Vector3::zeros() };
-        let rotation = turn.rotation_vector();
-        let y = [position.x, position.y, position.z, rotation.x, rotation.y, rotation.z];
-        if !y.iter().all(|value| value.is_finite()) {
-            return Err(EkfError::NotFinite);
+        let (jacobian, y) = linearised(arm, measured, &self.state.position)?;
+        self.take_pose(measured, &jacobian.data.0, y)
+    }
+
+    /// The same, and then once more from before, h(x) linearised where the first time led (Bell and Cathey, "The iterated Kalman filter
+    /// update as a Gauss-Newton method", 1993): for a pose that is so coarse that the arm's bends count, at twice the work.
+    ///
+    /// # Errors
+    /// As [`Self::pose`].
+    pub fn pose_iterated(&mut self, arm: &Arm<N>, measured: &TrackedPose) -> Result<Verdict, EkfError> {
+        let mut first = *self;
+        let verdict = first.pose(arm, measured)?;
+        if !verdict.is_taken() {
+            return Ok(verdict);
         }
-        // The target moves with the flange's origin and turns about it.
-        let columns = &mut jacobian.data.0;
-        for [vx, vy, vz, wx, wy, wz] in &mut *columns {
-            let around = Vector3::new(*wx, *wy, *wz).cross(&lever);
-            *vx += around.x;
-            *vy += around.y;
-            *vz += around.z;
+        let (jacobian, mut y) = linearised(arm, measured, &first.state.position)?;
+        // The innovation of this tangent at the prediction.
+        let ends = first.state.position.0.iter().zip(&self.state.position.0);
+        for (column, (there, here)) in jacobian.data.0.iter().zip(ends) {
+            add(&mut y, column, there - here);
         }
+        self.take_pose(measured, &jacobian.data.0, y)
+    }
+
+    #[inline(always)]
+    fn take_pose(&mut self, measured: &TrackedPose, columns: &[[f64; 6]; N], y: [f64; 6]) -> Result<Verdict, EkfError> {
         let mut rows = self.pose_rows(columns);
         let (place, turn) = (measured.position_deviation, measured.rotation_deviation);
         let mut s = spread(columns, &rows);
@@ -81,6 +86,37 @@ impl<const N: usize> Ekf<N> {
         }
         rows
     }
+}
+
+/// H, the Jacobian of the target's origin, and z − h(x), both in the base frame, for joints x.
+#[inline(always)]
+fn linearised<const N: usize>(
+    arm: &Arm<N>,
+    measured: &TrackedPose,
+    joints: &JointPos<N>,
+) -> Result<(Jacobian<N>, [f64; 6]), EkfError> {
+    positive(&[measured.position_deviation, measured.rotation_deviation])?;
+    let base_from_target = measured.tracker_from_base.inverse() * measured.tracker_from_target;
+    rotation_is_sound(&base_from_target.rotation)?;
+    let (base_from_flange, mut jacobian) = arm.jacobian(joints);
+    let expected = base_from_flange * measured.flange_from_target;
+    let lever = expected.translation - base_from_flange.translation;
+    let position = base_from_target.translation - expected.translation;
+    let turn =
+        Pose { rotation: base_from_target.rotation * expected.rotation.transpose(), translation: Vector3::zeros() };
+    let rotation = turn.rotation_vector();
+    let y = [position.x, position.y, position.z, rotation.x, rotation.y, rotation.z];
+    if !y.iter().all(|value| value.is_finite()) {
+        return Err(EkfError::NotFinite);
+    }
+    // The target moves with the flange's origin and turns about it.
+    for [vx, vy, vz, wx, wy, wz] in &mut jacobian.data.0 {
+        let around = Vector3::new(*wx, *wy, *wz).cross(&lever);
+        *vx += around.x;
+        *vy += around.y;
+        *vz += around.z;
+    }
+    Ok((jacobian, y))
 }
 
 /// H·P·Hᵀ of rows H·P, on and above the diagonal; below it what comes with whole vectors.

@@ -66,7 +66,7 @@ pub fn json(scores: &[(&Case, Score)]) -> Value {
         json!({
             "case": case.name,
             "period_ms": case.period_ms,
-            "jerk_density": case.jerk_density,
+            "jerk_time_s": case.jerk_time_s,
             "runs": score.runs,
             "raw": errors(&score.raw),
             "filtered": errors(&score.filtered),
@@ -82,13 +82,13 @@ pub fn json(scores: &[(&Case, Score)]) -> Value {
     Value::from(cases.collect::<Vec<_>>())
 }
 
-/// What tuning found: a line a density.
+/// What tuning found: a line a time.
 pub fn tuning(case: &Case, tried: &[(f64, Score)]) -> String {
     let mut out = format!("{}, on {} runs\n", case.name, tried.first().map_or(0, |(_, score)| score.runs));
-    for (density, score) in tried {
+    for (time, score) in tried {
         let Score { filtered, nees, nees_place, covered, .. } = score;
         out += &format!(
-            "  {density:>6} rad²/s⁵  {:.4} m  {:.3}°  NEES {:.2} of 3 ({:.0} % in band), {:.2} of 18, 3σ {:.1} %\n",
+            "  {time:>6} s  {:.4} m  {:.3}°  NEES {:.2} of 3 ({:.0} % in band), {:.2} of 18, 3σ {:.1} %\n",
             filtered.position[0],
             filtered.rotation[0].to_degrees(),
             nees_place.mean,

@@ -36,7 +36,7 @@ fn descriptions_without_sense_are_refused() {
         ("duration_s = 40.0", "duration_s = 1.0", "more than unscored_s"),
         ("duration_s = 40.0", "duration_s = nan", "positive"),
         ("position_rad = 0.1", "position_rad = 0.0", "[start]"),
-        ("tune = [1, 24]", "tune = [1, 2000]", "[seeds]"),
+        ("tune = [2001, 2048]", "tune = [2001, 3001]", "[seeds]"),
         ("period_ms = 8.0", "period_ms = -8.0", "positive"),
         ("robot =", "robots =", "robots"),
     ] {

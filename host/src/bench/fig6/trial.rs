@@ -67,7 +67,7 @@ pub fn run(set_up: &SetUp, case: &Case, seed: u64) -> Result<Vec<Sample>, Fig6Er
         let measured = noisy(set_up, &truth, &mut random);
         let raw = (random.between(0.0, 1.0) >= set_up.noise.missing).then_some(measured);
         if let Some(pose) = raw {
-            ekf.pose(&UR10E, &tracked(set_up, pose)).map_err(refused("a pose"))?;
+            ekf.pose_iterated(&UR10E, &tracked(set_up, pose)).map_err(refused("a pose"))?;
         }
         if let Some(deviation) = case.rate_deviation_rad_s {
             let rates = state.velocity.0.map(|rate| rate + deviation * normal(&mut random));
@@ -103,6 +103,16 @@ fn motion(set_up: &SetUp, phases: &[[f64; 3]; N], time: f64) -> State<N> {
     state
 }
 
+/// Of the white jerk that the filter believes in (rad²/s⁵): the mean square of the joint's true jerk over all phases, times the case's
+/// time.
+fn jerk_density(set_up: &SetUp, case: &Case) -> [f64; N] {
+    core::array::from_fn(|joint| {
+        let waves = set_up.amplitude_rad[joint].iter().zip(&set_up.frequency_hz[joint]);
+        let squares = waves.map(|(amplitude, frequency)| 0.5 * (amplitude * (TAU * frequency).powi(3)).powi(2));
+        case.jerk_time_s * squares.sum::<f64>()
+    })
+}
+
 fn start(set_up: &SetUp, case: &Case, truth: &State<N>, random: &mut Random) -> Result<Ekf<N>, Fig6Error> {
     let start = &set_up.start;
     let deviation = State {
@@ -111,11 +121,8 @@ fn start(set_up: &SetUp, case: &Case, truth: &State<N>, random: &mut Random) -> 
         acceleration: JointAcc([start.acceleration_rad_s2; N]),
     };
     let joints = truth.position.0.map(|joint| joint + start.position_rad * normal(random));
-    Ekf::new(State::at_rest(JointPos(joints)), &deviation, &[case.jerk_density; N]).map_err(|error| Fig6Error::Filter {
-        what: "its start",
-        time: 0.0,
-        error,
-    })
+    Ekf::new(State::at_rest(JointPos(joints)), &deviation, &jerk_density(set_up, case))
+        .map_err(|error| Fig6Error::Filter { what: "its start", time: 0.0, error })
 }
 
 /// The paper's noise: added to each coordinate, and to each component of the quaternion, which is then normalised.
