@@ -22,6 +22,9 @@ use nalgebra::Vector3;
 pub const LIMIT_TOLERANCE: f64 = 1e-13;
 /// The most full turns of one joint that [`turns`] lists.
 pub const TURNS_MAX: f64 = 64.0;
+/// The most answers that six joints can have for a pose (Primrose, "On the input-output equation of the general 7R-mechanism",
+/// Mechanism and Machine Theory 21(6), 1986). Closed forms have eight at most.
+pub const ANSWERS_MAX: usize = 16;
 /// How far a pose's axes may be from unit length and right angles to each other.
 pub const ROTATION_TOLERANCE: f64 = 1e-6;
 
@@ -141,7 +144,7 @@ pub struct Answer<const N: usize> {
 /// All branches: at most eight answers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Branches<const N: usize> {
-    answers: [Answer<N>; 8],
+    answers: [Answer<N>; ANSWERS_MAX],
     len: usize,
 }
 
@@ -174,7 +177,7 @@ impl Side {
 impl<const N: usize> Branches<N> {
     const fn empty() -> Self {
         let none = Answer { joints: JointPos::ZERO, branch: None, margins: None, free: None };
-        Self { answers: [none; 8], len: 0 }
+        Self { answers: [none; ANSWERS_MAX], len: 0 }
     }
 
     fn one(answer: Answer<N>) -> Self {

@@ -310,15 +310,15 @@ macro_rules! inverse_roots {
                 (family.nearest(arm, pose, seed), family.name())
             }
 
-            /// [`ik::calibrated::inverse`] and [`ik::numeric::nearest`], whatever the arm.
+            /// [`ik::calibrated::Geometry`] and [`ik::numeric::nearest`], whatever the arm.
             #[unsafe(export_name = concat!("root_iterated_", $joints))]
             pub fn iterated(
-                nominal: &ik::ur::Geometry,
+                calibrated: &ik::calibrated::Geometry,
                 arm: &Arm<$joints>,
                 pose: &Pose,
                 seed: &JointPos<$joints>,
             ) -> (Result<Branches<$joints>, IkError>, Result<Answer<$joints>, IkError>) {
-                (ik::calibrated::inverse(nominal, arm, pose, seed), ik::numeric::nearest(arm, pose, seed))
+                (calibrated.inverse(arm, pose, seed), ik::numeric::nearest(arm, pose, seed))
             }
 
             /// [`ik::wrist::inverse`]

@@ -59,7 +59,7 @@ fn of<const N: usize>(description: &Description, count: usize, seed: u64) -> Opt
     let mut random = Random::new(seed);
     let family = Family::of(&arm);
     // The closed form of an arm that is carried leaves what carries it where the seed has it.
-    let held = if matches!(family, Family::Wrist(_)) { N.saturating_sub(6) } else { 0 };
+    let held = if matches!(family, Family::Wrist(_) | Family::Calibrated(_)) { N.saturating_sub(6) } else { 0 };
     let mut found = Examination {
         family: family.name(),
         count,
@@ -123,7 +123,11 @@ impl Examination {
                 self.examples.push((joints.0.to_vec(), why));
             }
         };
+        let limits = arm.position_min.0.iter().zip(&arm.position_max.0);
         match answer {
+            Ok(answer) if !limits.zip(&answer.joints.0).all(|((low, high), at)| low <= at && at <= high) => {
+                missed(format!("its answer {:?} is outside the ranges", answer.joints.0));
+            }
             Ok(answer) => {
                 let back = arm.forward(&answer.joints);
                 let apart = (back.translation - pose.translation).norm();

@@ -14,8 +14,8 @@ pub enum Family {
     Wrist(wrist::Geometry),
     /// [`gantry`]: closed form.
     Gantry(gantry::Geometry),
-    /// [`calibrated`]: iteration from the closed form of the nominal UR-type arm.
-    Calibrated(ur::Geometry),
+    /// [`calibrated`]: iteration from the closed form of the nominal arm.
+    Calibrated(calibrated::Geometry),
     /// [`numeric`]: iteration from the seed.
     Numeric,
 }
@@ -26,7 +26,7 @@ impl Family {
         let closed = ur::Geometry::of(arm).map(Self::Ur);
         let closed = closed.or_else(|| wrist::Geometry::of(arm).map(Self::Wrist));
         let closed = closed.or_else(|| gantry::Geometry::of(arm).map(Self::Gantry));
-        closed.or_else(|| ur::Geometry::near(arm).map(Self::Calibrated)).unwrap_or(Self::Numeric)
+        closed.or_else(|| calibrated::Geometry::near(arm).map(Self::Calibrated)).unwrap_or(Self::Numeric)
     }
 
     /// The words for a person.
@@ -35,7 +35,7 @@ impl Family {
             Self::Ur(_) => "UR type, closed form",
             Self::Wrist(_) => "spherical wrist, closed form",
             Self::Gantry(_) => "gantry, closed form",
-            Self::Calibrated(_) => "calibrated UR type, iteration from its nominal arm's closed form",
+            Self::Calibrated(geometry) => geometry.name(),
             Self::Numeric => "iteration from the seed",
         }
     }
@@ -54,7 +54,7 @@ impl Family {
         match self {
             Self::Ur(geometry) => geometry.inverse(arm, base_from_flange, seed),
             Self::Wrist(geometry) => geometry.inverse(arm, base_from_flange, seed),
-            Self::Calibrated(nominal) => calibrated::inverse(nominal, arm, base_from_flange, seed),
+            Self::Calibrated(geometry) => geometry.inverse(arm, base_from_flange, seed),
             Self::Gantry(_) | Self::Numeric => self.nearest(arm, base_from_flange, seed).map(Branches::one),
         }
     }
@@ -73,7 +73,7 @@ impl Family {
             Self::Ur(geometry) => geometry.nearest(arm, base_from_flange, seed),
             Self::Wrist(geometry) => geometry.nearest(arm, base_from_flange, seed),
             Self::Gantry(geometry) => geometry.nearest(arm, base_from_flange, seed),
-            Self::Calibrated(nominal) => calibrated::nearest(nominal, arm, base_from_flange, seed),
+            Self::Calibrated(geometry) => geometry.nearest(arm, base_from_flange, seed),
             Self::Numeric => numeric::nearest(arm, base_from_flange, seed),
         }
     }

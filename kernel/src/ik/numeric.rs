@@ -97,16 +97,24 @@ fn step<const N: usize>(
             column.fill(0.0);
         }
     }
+    solve(&jacobian, error, damping * error.norm_squared())
+}
+
+/// The joint step of damped least squares: (JᵀJ + damping)⁻¹ Jᵀ e.
+pub(super) fn solve<const N: usize>(
+    jacobian: &SMatrix<f64, 6, N>,
+    error: &Vector6<f64>,
+    damping: f64,
+) -> Option<SVector<f64, N>> {
     let mut normal = jacobian.transpose() * jacobian;
-    let trace = normal.trace();
-    let damping = damping * error.norm_squared() + DAMPING_FLOOR * trace + f64::MIN_POSITIVE;
+    let damping = damping + DAMPING_FLOOR * normal.trace() + f64::MIN_POSITIVE;
     normal += SMatrix::<f64, N, N>::identity() * damping;
     let step = Cholesky::new(normal)?.solve(&(jacobian.transpose() * error));
     step.iter().all(|joint| joint.is_finite()).then_some(step)
 }
 
 /// What moves one pose to the other: shift (m), turn (rad), both in the base frame.
-fn between(from: &Pose, to: &Pose) -> Vector6<f64> {
+pub(super) fn between(from: &Pose, to: &Pose) -> Vector6<f64> {
     let shift = to.translation - from.translation;
     let turn = Pose { rotation: to.rotation * from.rotation.transpose(), ..*to }.rotation_vector();
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)

@@ -13,6 +13,8 @@
 //! share of the stretched arm. Elbow and wrist: those two sines. A margin below [`FREE`] leaves a joint free: θ₁, θ₄, and θ₂
 //! where upper arm and forearm are of one length and the wrist's centre comes to axis 2.
 
+mod near;
+
 use super::{Answer, Beyond, Branch, Branches, IkError, Margins, Missed, Side, check, distance, on_limit, turn};
 use crate::arm::{Arm, JointKind};
 use crate::pose::Pose;
@@ -60,6 +62,8 @@ pub struct Geometry {
     zero_from_base: Option<Pose>,
     /// Frame 6 before its joint turns, in the flange.
     flange_from_six: Pose,
+    /// How far (m) out of reach a pose may be and is then met as nearly as can be.
+    slack: f64,
 }
 
 /// Every branch (shoulder × elbow × wrist) that reaches the pose, each joint turned by full turns to lie nearest to `seed` and
@@ -138,6 +142,7 @@ impl Geometry {
             coupled: coupled.count() > 0,
             zero_from_base: arm.base_from_zero.map(|base_from_zero| base_from_zero.inverse()),
             flange_from_six: six_from_flange.inverse(),
+            slack: REACH_TOLERANCE,
         })
     }
 
@@ -251,7 +256,7 @@ impl Geometry {
         let (px, py) = (goal.wrist.x, goal.wrist.y);
         let distance = libm::sqrt(px * px + py * py);
         let beside = libm::fabs(self.b);
-        if beside - distance > REACH_TOLERANCE {
+        if beside - distance > self.slack {
             return Err(IkError::OutOfReach { by: beside - distance });
         }
         if distance < FREE {
@@ -302,7 +307,7 @@ impl Geometry {
         if straight < 0.0 || folded < 0.0 {
             let reach = libm::sqrt(squared);
             let missing = (reach - (upper + fore)).max(libm::fabs(upper - fore) - reach);
-            if missing > REACH_TOLERANCE {
+            if missing > self.slack {
                 return Err(missing);
             }
         }

@@ -9,22 +9,22 @@
 
 use super::Geometry;
 use crate::arm::{Arm, Dh, Joint, JointKind};
-use crate::ik::{Branch, Margins, Side};
+use crate::ik::Side;
+use crate::ik::calibrated::{Factors, SHIFT_MAX, SLACK, TILT_MAX};
 use crate::units::JointPos;
-
-/// How much the sines and cosines of α may differ from those of right angles.
-const TILT_MAX: f64 = 0.05;
-/// Lengths (m) that a nominal arm does not have.
-const SHIFT_MAX: f64 = 0.05;
-/// How far (m) out of the nominal arm's reach a pose may be that the calibrated one reaches.
-const SLACK: f64 = 0.05;
+use core::f64::consts::PI;
 
 impl Geometry {
-    /// The nominal arm for a table whose α are within 0.05 of 90° 0 0 90° −90° 0 and whose shifts along x in rows 1, 4, 5
-    /// and 6 are within 0.05 m of none; every joint turns for itself.
+    /// The nominal arm for a table whose α are within 0.05 of 90° 0 0 90° −90° 0, those of 90° in either sense, and whose
+    /// shifts along x in rows 1, 4, 5 and 6 are within 0.05 m of none; every joint turns for itself.
     pub fn near<const N: usize>(arm: &Arm<N>) -> Option<Self> {
-        let rows: &[Dh; 6] = arm.dh.as_slice().try_into().ok()?;
-        let [r1, r2, r3, r4, r5, r6] = rows;
+        let mut rows: [Dh; 6] = arm.dh.as_slice().try_into().ok()?;
+        let [r1, r2, _, r4, r5, r6] = &mut rows;
+        // The x axis of a frame may point either way along the common normal of two axes that nearly meet.
+        with_sine(r1, r2, 1.0);
+        with_sine(r4, r5, 1.0);
+        with_sine(r5, r6, -1.0);
+        let [r1, r2, r3, r4, r5, r6] = &rows;
         let tilted = |row: &Dh, sine: f64, cosine: f64| {
             libm::fabs(row.sin_alpha - sine) <= TILT_MAX && libm::fabs(row.cos_alpha - cosine) <= TILT_MAX
         };
@@ -55,13 +55,32 @@ impl Geometry {
         })
     }
 
-    /// On which branch joints are, and how far from each singularity.
-    pub fn posture<const N: usize>(&self, joints: &JointPos<N>) -> (Branch, Margins) {
+    /// What the determinant of the Jacobian is the product of, at these joints of the nominal arm.
+    pub(in crate::ik) fn factors<const N: usize>(&self, joints: &JointPos<N>) -> Factors {
         let [_, t2, t3, t4, t5, _] = self.table(joints);
-        let (s5, s3) = (libm::sin(t5), libm::sin(t3));
         let along = self.a2 * libm::cos(t2) + self.a3 * libm::cos(t2 + t3) + self.d5 * libm::sin(t2 + t3 + t4);
-        let branch = Branch { shoulder: Side::of(along), elbow: Side::of(s3), wrist: Side::of(s5) };
         let away = libm::hypot(along, self.across).max(f64::MIN_POSITIVE);
-        (branch, Margins { shoulder: libm::fabs(along) / away, elbow: libm::fabs(s3), wrist: libm::fabs(s5) })
+        Factors { along, away, elbow: libm::sin(t3), wrist: libm::sin(t5) }
+    }
+
+    /// Joints at which none of the factors is small.
+    pub(in crate::ik) fn regular<const N: usize>(&self) -> JointPos<N> {
+        let half = core::f64::consts::FRAC_PI_2;
+        // The upper arm level, the forearm upright, and d₅ along the upper arm.
+        let last = if Side::of(self.a2 * self.d5) == Side::Plus { 0.0 } else { 2.0 * half };
+        let mut joints = JointPos::ZERO;
+        for ((position, angle), offset) in joints.0.iter_mut().zip([0.0, 0.0, half, last, half, 0.0]).zip(self.offsets)
+        {
+            *position = angle - offset;
+        }
+        joints
+    }
+}
+
+/// The same table with the frame between two rows turned by half a turn about its z axis, if sin α has not that sign.
+fn with_sine(row: &mut Dh, next: &mut Dh, sign: f64) {
+    if row.sin_alpha * sign < 0.0 {
+        (row.theta, row.a, row.sin_alpha) = (row.theta + PI, -row.a, -row.sin_alpha);
+        next.theta -= PI;
     }
 }
