@@ -158,7 +158,7 @@ fn parse(text: &str, file: &str, ends: &Ends) -> Result<Description, Located> {
     if !super::description::JOINTS.contains(&count) {
         return Err((tree.span.clone(), UrdfFault::Count { base, tip, found: count }));
     }
-    let mut notes = Vec::new();
+    let mut notes = tree.notes.clone();
     let chain = Chain { steps, last_from_flange: rest };
     for joint in tree.joints.iter().filter(|joint| joint.moves()) {
         let name = &joint.name;

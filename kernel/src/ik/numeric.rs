@@ -21,24 +21,39 @@ pub const RESIDUAL_MAX: f64 = 1e-10;
 const RESIDUAL_FLAT: f64 = 1e-12;
 /// What no step can make better, for rounding (m, rad).
 const RESIDUAL_LEAST: f64 = 2e-15;
+/// How far (rad, m) from where steps got stuck others start.
+const AWAY: [f64; 4] = [0.2, -0.2, 0.6, -0.6];
+/// A share of the trace of JᵀJ that is none.
+const LOST: f64 = 1e-12;
 /// Damping over the squared error, at first and at least.
 const DAMPING: f64 = 0.1;
 const DAMPING_LEAST: f64 = 1e-6;
 /// Damping over the trace of JᵀJ, so that its rounding leaves it positive definite.
 const DAMPING_FLOOR: f64 = 1e-14;
 
-/// The joints inside the limits that the seed leads to. A seed outside its limits starts from the nearest inside.
+/// The joints inside the limits that the seed leads to. A seed outside its limits starts from the nearest inside. Where that
+/// gets stuck, four more starts beside the place, along the direction that is lost there, have their try.
 ///
 /// # Errors
-/// [`IkError::NotFinite`], [`IkError::NotRotation`]; [`IkError::NotConverged`] when [`STEPS_MAX`] steps do not bring position
-/// and orientation within [`RESIDUAL_MAX`].
+/// [`IkError::NotFinite`], [`IkError::NotRotation`]; [`IkError::NotConverged`] when [`STEPS_MAX`] steps from each start do not
+/// bring position and orientation within [`RESIDUAL_MAX`].
 pub fn nearest<const N: usize>(
     arm: &Arm<N>,
     base_from_flange: &Pose,
     seed: &JointPos<N>,
 ) -> Result<Answer<N>, IkError> {
     check(base_from_flange, seed)?;
-    let (joints, residual) = approach(arm, base_from_flange, seed);
+    let (mut joints, mut residual) = approach(arm, base_from_flange, seed);
+    for away in AWAY {
+        if residual <= RESIDUAL_MAX {
+            break;
+        }
+        // Stuck where a direction is lost: along it, to either side, the way may be free.
+        let (across, left) = approach(arm, base_from_flange, &beside(arm, &joints, away));
+        if left <= RESIDUAL_MAX {
+            (joints, residual) = (across, left);
+        }
+    }
     if residual > RESIDUAL_MAX {
         return Err(IkError::NotConverged { residual });
     }
@@ -48,6 +63,27 @@ pub fn nearest<const N: usize>(
         missed.error()
     })?;
     Ok(Answer { joints, branch: None, margins: None, free: None })
+}
+
+/// Joints moved along the direction in which they move the flange the least: a vector that is left of three steps of inverse
+/// iteration (Golub, Van Loan, "Matrix Computations", 8.2.2).
+fn beside<const N: usize>(arm: &Arm<N>, joints: &JointPos<N>, away: f64) -> JointPos<N> {
+    let (_, jacobian) = arm.jacobian(joints);
+    let mut normal = jacobian.transpose() * jacobian;
+    normal += SMatrix::<f64, N, N>::identity() * (LOST * normal.trace() + f64::MIN_POSITIVE);
+    let mut moved = *joints;
+    let Some(factor) = Cholesky::new(normal) else { return moved };
+    let mut direction = SVector::<f64, N>::repeat(1.0);
+    for _ in 0..3 {
+        direction = factor.solve(&direction);
+        direction /= direction.norm();
+    }
+    if direction.iter().all(|share| share.is_finite()) {
+        for (position, share) in moved.0.iter_mut().zip(direction.iter()) {
+            *position += away * share;
+        }
+    }
+    moved
 }
 
 /// Where steps from `start` end, inside the limits, and what is left there (m, rad).

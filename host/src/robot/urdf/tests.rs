@@ -189,6 +189,23 @@ fn what_cannot_be_told_is_an_error_with_its_place() {
             "<robot xmlns:xacro=\"http://www.ros.org/wiki/xacro\"><xacro:include/></robot>".to_owned(),
             "this is a xacro file",
         ),
+        (with(3, "revolute", "<xacro:axis_of name=\"elbow\"/>"), "this is not XML"),
+        (
+            robot(&good)
+                .replace("<robot", "<robot xmlns:xacro=\"http://ros.org/wiki/xacro\"")
+                .replace("<child link=\"l2\"/>", "<child link=\"l2\"/><xacro:origin_of name=\"elbow\"/>"),
+            "this is a xacro file, found xacro:origin_of",
+        ),
+        (robot(&good).replace("</robot>", "<link name=\"l2\"/></robot>"), "link l2 is there twice"),
+        (
+            with(2, "revolute", "<limit lower=\"-1\" upper=\"1\"/><limit upper=\"2\"/>"),
+            "joint j3: expected one element limit",
+        ),
+        (with(2, "revolute", "<axis xzy=\"0 0 1\"/>"), "joint j3: axis: expected an attribute xyz, found \"xzy\""),
+        (
+            robot(&good).replacen("<joint ", "<Joint ", 1).replacen("</joint>", "</Joint>", 1),
+            "expected an element joint, found \"Joint\"",
+        ),
         ("<sdf/>".to_owned(), "the file: expected an element robot, found \"sdf\""),
         (with(3, "revolute", "<mimic joint=\"j9\"/>"), "mimic joint j4 follows joint j9, which is not in the file"),
         (with(3, "prismatic", "<mimic joint=\"j1\"/>"), "mimic joint j4 turns where joint j1 slides"),
@@ -210,6 +227,22 @@ fn what_cannot_be_told_is_an_error_with_its_place() {
             Ok(found) => panic!("{expected}: {:?}", found.links.len()),
         }
     }
+}
+
+#[test]
+fn what_is_not_read_is_said() {
+    let text = robot(&[("revolute", LIMIT); 3]).replace("</robot>", "<grumpf/><gazebo/></robot>").replacen(
+        "</joint>",
+        "<spring stiffness=\"1\"/></joint>",
+        1,
+    );
+    let notes = parse(&text, "test.urdf", &Ends::default()).expect("a chain").notes;
+    for note in
+        ["element grumpf is not read", "joint j1 has an element spring, which is not read", "joint j2 has no axis"]
+    {
+        assert!(notes.iter().any(|found| found.starts_with(note)), "{note}: {notes:?}");
+    }
+    assert!(!notes.iter().any(|note| note.contains("gazebo")), "{notes:?}");
 }
 
 /// Whatever bytes stand in the file, the answer is a description or a fault.

@@ -15,7 +15,23 @@ pub(super) struct Tree {
     pub span: Range<usize>,
     links: Vec<String>,
     pub joints: Vec<UrdfJoint>,
+    /// What stands in the file and is not read.
+    pub notes: Vec<String>,
 }
+
+/// Elements of a robot and of a joint that say nothing about where links are.
+const BESIDE_LINKS: [&str; 5] = ["material", "gazebo", "transmission", "sensor", "ros2_control"];
+const BESIDE_AXES: [&str; 2] = ["calibration", "dynamics"];
+/// Elements of a joint that are read, each once, with their attributes.
+const READ: [(&str, &[&str]); 7] = [
+    ("parent", &["link"]),
+    ("child", &["link"]),
+    ("origin", &["xyz", "rpy"]),
+    ("axis", &["xyz"]),
+    ("limit", &["lower", "upper", "velocity", "effort", "acceleration", "deceleration", "jerk"]),
+    ("mimic", &["joint", "multiplier", "offset"]),
+    ("safety_controller", &["soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"]),
+];
 
 /// A joint as the file has it.
 #[derive(Debug)]
@@ -69,17 +85,64 @@ pub(super) fn read(text: &str) -> Result<Tree, Located> {
     if robot.tag_name().name() != "robot" {
         return Err(form(&robot, "the file".to_owned(), "an element robot", robot.tag_name().name()));
     }
-    if let Some(node) =
-        robot.children().find(|node| node.tag_name().namespace().is_some_and(|uri| uri.contains("xacro")))
-    {
+    if let Some(node) = robot.descendants().find(is_xacro) {
         return Err((head(&node), UrdfFault::Xacro { found: format!("xacro:{}", node.tag_name().name()) }));
+    }
+    let mut notes = Vec::new();
+    for node in robot.children().filter(|node| node.is_element()) {
+        let name = node.tag_name().name();
+        match name {
+            "link" => {}
+            "joint" => joint_notes(&node, &mut notes)?,
+            // A joint by another name would be an axis dropped.
+            _ if ["parent", "child"].iter().all(|end| node.children().any(|node| node.has_tag_name(*end))) => {
+                return Err(form(&node, "the file".to_owned(), "an element joint", name));
+            }
+            _ if BESIDE_LINKS.contains(&name) => {}
+            _ => notes.push(format!("element {name} is not read")),
+        }
     }
     let elements = |name| robot.children().filter(move |node| node.has_tag_name(name));
     let links = elements("link").map(|node| text_of(&node, "link", "name")).collect::<Result<Vec<_>, _>>()?;
     let joints = elements("joint").map(|node| joint(&node)).collect::<Result<Vec<_>, _>>()?;
-    let tree = Tree { name: robot.attribute("name").unwrap_or("robot").to_owned(), span: head(&robot), links, joints };
+    let tree =
+        Tree { name: robot.attribute("name").unwrap_or("robot").to_owned(), span: head(&robot), links, joints, notes };
     tree.check()?;
     Ok(tree)
+}
+
+/// What the xacro tool has to replace: an element in its namespace, or with its prefix.
+fn is_xacro(node: &Node<'_, '_>) -> bool {
+    let text = node.document().input_text().get(node.range()).unwrap_or_default();
+    node.is_element()
+        && (node.tag_name().namespace().is_some_and(|uri| uri.contains("xacro")) || text.starts_with("<xacro:"))
+}
+
+/// Notes what of a joint is not read; an error where what is read stands twice or has attributes that are not.
+fn joint_notes(joint: &Node<'_, '_>, notes: &mut Vec<String>) -> Result<(), Located> {
+    let entity = format!("joint {}", joint.attribute("name").unwrap_or_default());
+    let elements = || joint.children().filter(|node| node.is_element());
+    for node in elements() {
+        let name = node.tag_name().name();
+        let Some((_, attributes)) = READ.iter().find(|(read, _)| *read == name) else {
+            if !BESIDE_AXES.contains(&name) {
+                notes.push(format!("{entity} has an element {name}, which is not read"));
+            }
+            continue;
+        };
+        if elements().filter(|other| other.has_tag_name(name)).count() > 1 {
+            return Err(form(&node, entity, &format!("one element {name}"), "more"));
+        }
+        if let Some(unread) = node.attributes().find(|attribute| !attributes.contains(&attribute.name())) {
+            let expected = format!("an attribute {}", attributes.join(" or "));
+            return Err(form(&node, format!("{entity}: {name}"), &expected, unread.name()));
+        }
+    }
+    let turns = joint.attribute("type").is_some_and(|kind| kind != "fixed" && kind != "floating");
+    if turns && !elements().any(|node| node.has_tag_name("axis")) {
+        notes.push(format!("{entity} has no axis: it is along x, as URDF has it"));
+    }
+    Ok(())
 }
 
 /// An element's first tag, for excerpts.
@@ -199,6 +262,12 @@ impl Tree {
             Err((joint.span.clone(), UrdfFault::Tree { link: link.to_owned(), problem }))
         };
         let known: BTreeSet<_> = self.links.iter().collect();
+        if let Some(twice) =
+            self.links.iter().enumerate().find_map(|(at, link)| self.links.iter().take(at).find(|other| *other == link))
+        {
+            let problem = "is there twice";
+            return Err((self.span.clone(), UrdfFault::Tree { link: twice.clone(), problem }));
+        }
         let (mut children, mut names) = (BTreeSet::new(), BTreeSet::new());
         for joint in &self.joints {
             if !names.insert(&joint.name) {
