@@ -341,3 +341,83 @@ fn transposed_product(block: &Block<6>, columns: &Block<6>) -> Block<6> {
     }
     product
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_what_small_displacements_do_to_the_target() {
+        let (pivot, target) = (Vector3::new(0.7, -0.2, 0.4), Vector3::new(1.3, 0.5, -0.6));
+        for k in 0..200 {
+            let t = f64::from(k);
+            let displacement = Displacement {
+                translation: Vector3::new(libm::sin(t), libm::cos(t), libm::sin(2.0 * t)) * 0.02,
+                rotation: Vector3::new(libm::cos(3.0 * t), libm::sin(5.0 * t), libm::cos(t)) * 0.1,
+            };
+            let here = displacement.pose(&pivot);
+            let lever = here.rotation * (target - pivot);
+            for (axis, column) in columns(&lever).iter().enumerate() {
+                let beside = |by: f64| {
+                    let mut step = [0.0; 6];
+                    step[axis] = by;
+                    displacement.moved(&Displacement::of(&step), 1.0).pose(&pivot)
+                };
+                let (below, above) = (beside(-1e-5), beside(1e-5));
+                let way = (above.transform_point(&target) - below.transform_point(&target)) / 2e-5;
+                let turn = Pose { rotation: above.rotation * below.rotation.transpose(), ..above };
+                let found = Displacement { translation: way, rotation: turn.rotation_vector() / 2e-5 };
+                let miss = found.plus(&Displacement::of(column).scaled(-1.0));
+                assert!(miss.translation.norm() < 1e-8 && miss.rotation.norm() < 1e-8, "{k} {axis}: {miss:?}");
+            }
+        }
+    }
+
+    /// Q of a rate with deviation 1 over T: ∫ g·gᵀ·2/τ ds with g(s) = [τ(1 − e^(−s/τ)), e^(−s/τ)], by Simpson's rule.
+    #[test]
+    fn process_noise_is_the_integral_at_any_step() {
+        let drift = Drift { speed: 1.0, turn_rate: 0.1, time: 2.0 };
+        for dt in [1e-5, 1e-3, 0.008, 0.039, 0.041, 0.3, 2.0, 10.0] {
+            let none = [[0.0; 6]; 6];
+            let mut covariance = Covariance { xx: none, xv: none, vv: none };
+            covariance.step(dt, &drift);
+            let (mut sums, count) = ([0.0; 3], 4000);
+            for k in 0..=count {
+                let s = dt * f64::from(k) / f64::from(count);
+                let weight = if k == 0 || k == count { 1.0 } else { 2.0 + 2.0 * f64::from(k % 2) };
+                let (x, v) = (-2.0 * libm::expm1(-s / 2.0), libm::exp(-s / 2.0));
+                for (sum, value) in sums.iter_mut().zip([x * x, x * v, v * v]) {
+                    *sum += weight * value * dt / (3.0 * f64::from(count));
+                }
+            }
+            let found = [covariance.xx[1][1], covariance.xv[1][1], covariance.vv[1][1]];
+            for (found, sum) in found.iter().zip(sums) {
+                assert!((found / sum - 1.0).abs() < 1e-10, "{dt}: {found:e} {sum:e}");
+            }
+            assert!((covariance.xx[4][4] / covariance.xx[1][1] - 0.01).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn two_steps_are_one_of_their_length() {
+        let drift = Drift { speed: 3e-3, turn_rate: 1e-4, time: 2.0 };
+        let start = {
+            let mut block = [[0.0; 6]; 6];
+            for i in 0..6 {
+                for j in 0..6 {
+                    block[i][j] = 1e-8 / (1.0 + (i as f64 - j as f64) * (i as f64 - j as f64));
+                }
+            }
+            Covariance { xx: block, xv: block, vv: block }
+        };
+        let (mut once, mut twice) = (start, start);
+        once.step(0.5, &drift);
+        twice.step(0.007, &drift);
+        twice.step(0.493, &drift);
+        for (a, b) in [(once.xx, twice.xx), (once.xv, twice.xv), (once.vv, twice.vv)] {
+            for (a, b) in a.iter().flatten().zip(b.iter().flatten()) {
+                assert!((a - b).abs() < 1e-12 * a.abs().max(1e-8), "{a:e} {b:e}");
+            }
+        }
+    }
+}
