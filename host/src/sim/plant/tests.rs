@@ -379,3 +379,14 @@ fn random_plants_are_of_their_ranges() {
     }
     assert!(dead[0] < 1_500_000 && dead[1] > 14_500_000, "{dead:?}");
 }
+
+#[test]
+fn the_documented_ranges_are_those_of_the_code() {
+    let span = |[low, high]: [f64; 2]| if low == high { format!("{low}") } else { format!("{low} to {high}") };
+    let row =
+        |range: &Range| format!("| {} | {} | {} | {} |", range.name, range.unit, span(range.nj130), span(range.ur10e));
+    let docs = include_str!("../../../../docs/plant.md");
+    let (_, table) = docs.split_once("| what | unit | NJ130 | UR10e |\n| --- | --- | --- | --- |\n").unwrap();
+    let listed: Vec<_> = table.lines().take_while(|line| line.starts_with('|')).map(str::to_owned).collect();
+    assert_eq!(listed, RANGES.iter().map(row).collect::<Vec<_>>());
+}
