@@ -6,6 +6,7 @@ mod common;
 
 use common::estimation::{against_dense, band, consistency, dropout, long, mean};
 use common::plant::{PAPER, TRACKER};
+use common::rival::{Rms, rivals};
 use std::time::Instant;
 
 /// Ticks against the dense filter.
@@ -35,6 +36,18 @@ fn main() {
         let bound = 1.96 / (result.products as f64).sqrt();
         println!("{name}: autocorrelation at lags 1 to 10 {:.4?}, 95 % within ± {bound:.4}", result.autocorrelation);
         println!("{name}: 3σ cover {:.2} % of the errors", 100.0 * result.covered);
+        let result = rivals(1000..1200, noise, 1000);
+        for (who, rms) in
+            [("ours", result.ours), ("the paper's, mended", result.literal), ("as printed", result.printed)]
+        {
+            let Rms { place, turn, joints } = rms;
+            println!(
+                "{name}: 200 runs, half of z missing: {who:<20} {place:.3e} m, {turn:.3e} rad, joints {joints:.3e} rad"
+            );
+        }
+        let [difference, half] = result.difference.map(|share| 100.0 * share);
+        println!("{name}: mean square of the place, ours less the mended one's: {difference:.2} % ± {half:.2} %");
+        assert!(difference <= half.max(1.0));
         for count in [1, 10, 100, 1000, 5000] {
             println!(
                 "{name}: {count} ticks without a pose: 3σ cover {:.2} %",

@@ -211,6 +211,7 @@ impl Dh {
     }
 
     /// The frame after this link, given the one before it.
+    #[inline(always)]
     fn after(&self, base_from_link: &Pose) -> Pose {
         let (s, c) = libm::sincos(self.theta);
         let axis = |column: usize| -> Vector3<f64> { base_from_link.rotation.column(column).into() };

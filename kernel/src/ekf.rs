@@ -14,14 +14,14 @@
 
 pub mod covariance;
 pub mod encoders;
+mod factor;
 pub mod pose;
 pub mod rates;
 pub mod replay;
-mod root;
 
 use crate::units::{JointAcc, JointJerk, JointPos, JointVel};
 use covariance::{Covariance, Rows};
-use root::Root;
+use factor::separate;
 
 /// Longest step of a prediction (s). Whoever has heard nothing for longer has to start anew.
 pub const STEP_MAX: f64 = 10.0;
@@ -184,58 +184,67 @@ impl<const N: usize> Ekf<N> {
     }
 
     /// The update that all measurements share, given `rows` = H·P, the upper triangle of S = H·P·Hᵀ + R, and the innovation
-    /// y = z − h(x). With S = UᵀU it works on whitened rows W = U⁻ᵀ·H·P and e = U⁻ᵀ·y: the normalised innovation squared is
-    /// eᵀe, x ← x + Wᵀ·e, P ← P − Wᵀ·W (Bierman, "Factorization Methods for Discrete Sequential Estimation", 1977, chapter
-    /// II). No inverse is formed, and P stays symmetric to the bit.
+    /// y = z − h(x). With S = UᵀDU it takes the innovation apart into independent numbers e = U⁻ᵀ·y of variances D, whose rows are
+    /// W = U⁻ᵀ·H·P: the normalised innovation squared is eᵀD⁻¹e, x ← x + Wᵀ·D⁻¹·e, P ← P − WᵀD⁻¹W (Bierman, "Factorization
+    /// Methods for Discrete Sequential Estimation", 1977, chapters II and V). No inverse of a matrix is formed, and P stays
+    /// symmetric to the bit.
     #[inline(always)]
     fn correct<const M: usize>(
         &mut self,
         rows: &mut Rows<N, M>,
-        s: &[[f64; M]; M],
-        y: &[f64; M],
+        s: &mut [[f64; M]; M],
+        mut y: [f64; M],
     ) -> Result<Verdict, EkfError> {
-        let (verdict, e) = judge(rows, s, y)?;
+        let (verdict, weights) = judge(rows, s, &mut y)?;
         if !verdict.is_taken() {
             return Ok(verdict);
         }
         let State { position, velocity, acceleration } = &mut self.state;
-        for ([q, v, a], e) in rows.iter().zip(e) {
+        for ([q, v, a], e) in rows.iter().zip(y) {
             add(&mut position.0, q, e);
             add(&mut velocity.0, v, e);
             add(&mut acceleration.0, a, e);
         }
-        self.covariance.reduce(rows);
+        self.covariance.reduce(rows, &weights);
         Ok(verdict)
     }
 }
 
-/// Whitens `rows` = H·P, each in D pieces, and the innovation y by S = UᵀU, of which the upper triangle is read, and holds the
-/// innovation against its gate. Returns the verdict and e = U⁻ᵀ·y.
+/// Takes an innovation apart ([`separate`]) and holds it against its gate. Returns the verdict and the weights D⁻¹; `y` becomes
+/// D⁻¹·e, `rows` W.
 #[inline(always)]
 pub(crate) fn judge<const N: usize, const D: usize, const M: usize>(
     rows: &mut [[[f64; N]; D]; M],
-    s: &[[f64; M]; M],
-    y: &[f64; M],
+    s: &mut [[f64; M]; M],
+    y: &mut [f64; M],
 ) -> Result<(Verdict, [f64; M]), EkfError> {
     let gate = const { GATES[M - 1] };
-    let root = Root::of(s)?;
-    root.whiten(rows);
-    let e = root.whitened(y);
+    let weights = separate(s, rows, y)?;
     let mut nis = 0.0;
-    for e in e {
-        nis += e * e;
+    for (e, weight) in y.iter_mut().zip(&weights) {
+        let weighted = *e * weight;
+        nis += *e * weighted;
+        *e = weighted;
     }
     if !nis.is_finite() {
         return Err(EkfError::NotFinite);
     }
-    Ok((if nis > gate { Verdict::Gated { nis, gate } } else { Verdict::Taken { nis } }, e))
+    Ok((if nis > gate { Verdict::Gated { nis, gate } } else { Verdict::Taken { nis } }, weights))
 }
 
 /// a ← a + factor·b.
 #[inline(always)]
-pub(crate) fn add<const K: usize>(a: &mut [f64; K], b: &[f64; K], factor: f64) {
+pub(crate) fn add(a: &mut [f64], b: &[f64], factor: f64) {
     for (a, b) in a.iter_mut().zip(b) {
         *a += factor * b;
+    }
+}
+
+/// a ← a − factor·b.
+#[inline(always)]
+pub(crate) fn subtract(a: &mut [f64], b: &[f64], factor: f64) {
+    for (a, b) in a.iter_mut().zip(b) {
+        *a -= factor * b;
     }
 }
 
@@ -243,7 +252,7 @@ pub(crate) fn add<const K: usize>(a: &mut [f64; K], b: &[f64; K], factor: f64) {
 #[inline(always)]
 pub(crate) fn positive(values: &[f64]) -> Result<(), EkfError> {
     for &value in values {
-        if !(value > 0.0 && value.is_finite()) {
+        if !(value > 0.0 && value <= f64::MAX) {
             return Err(EkfError::Noise { value });
         }
     }

@@ -35,7 +35,8 @@ macro_rules! joint_vector {
 
             /// Whether no component is NaN or infinite.
             pub fn is_finite(&self) -> bool {
-                self.0.iter().all(|value| value.is_finite())
+                // Zero times a number is zero, and times anything else NaN.
+                self.0.iter().fold(0.0, |sum, value| sum + 0.0 * value) == 0.0
             }
         }
     };

@@ -1,9 +1,10 @@
-//! Our kinematics beside other people's, in one run: first whether both give the same answers, then time and instructions.
-//! `.ci/peers` builds the workers and starts this.
+//! Our kinematics and our filter beside other people's, in one run: first whether both give the same answers, then time and
+//! instructions. `.ci/peers` and `.ci/filter_peers` build the workers and start this.
 
 mod arms;
 mod check;
 mod child;
+mod filter;
 mod opw;
 mod race;
 mod record;
@@ -19,9 +20,10 @@ fn main() -> ExitCode {
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let done = match arguments[..] {
         ["side-by-side", workers] => table::side_by_side(Path::new(workers)),
+        ["filters", workers] => filter::side_by_side(Path::new(workers)),
         [item, arm, inputs] => worker::work(item, arm, Path::new(inputs), None),
         [item, arm, inputs, passes] => counted(item, arm, inputs, passes),
-        _ => Err("usage: screed-peers side-by-side WORKERS | ITEM ARM INPUTS [PASSES]".into()),
+        _ => Err("usage: screed-peers side-by-side WORKERS | filters WORKERS | ITEM ARM INPUTS [PASSES]".into()),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

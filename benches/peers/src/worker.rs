@@ -6,6 +6,7 @@
 
 use crate::arms::Ours;
 use crate::child::Outcome;
+use crate::filter::{tape, work as filter};
 use crate::opw;
 use crate::record::{self, Record};
 use rustix::time::{ClockId, clock_gettime};
@@ -25,6 +26,16 @@ const VERIFIED: f64 = 1e-9;
 /// # Errors
 /// An item, arm or file that is not there; lines that are not understood.
 pub fn work(item: &str, arm: &str, inputs: &Path, passes: Option<u64>) -> Outcome<()> {
+    if let Some(item) = item.strip_prefix("filter-") {
+        let tape = &[tape::read(inputs)?];
+        return match item {
+            "block" => serve(tape, passes, filter::block, filter::show_block),
+            "replay" => serve(tape, passes, filter::replay, filter::show_block),
+            "dense" => serve(tape, passes, filter::dense, filter::show),
+            "literal" => serve(tape, passes, filter::literal, filter::show),
+            _ => Err(format!("no such item: filter-{item}").into()),
+        };
+    }
     let inputs = &record::read(inputs)?;
     if let Some(item) = item.strip_prefix("opw-") {
         let peer = opw::Peer::new(arm)?;

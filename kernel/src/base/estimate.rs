@@ -11,9 +11,9 @@
 
 use super::{BaseConfig, seconds};
 use crate::arm::Arm;
-use crate::ekf::covariance::Block;
+use crate::ekf::covariance::{Block, mirror};
 use crate::ekf::pose::{bend, rotation_is_sound};
-use crate::ekf::{EkfError, Verdict, add, judge, positive};
+use crate::ekf::{EkfError, Verdict, add, judge, positive, subtract};
 use crate::pose::Pose;
 use crate::units::{JointPos, Nanos};
 use nalgebra::{Matrix3, Vector3};
@@ -199,13 +199,9 @@ impl Estimate {
             return Err(EkfError::NotFinite);
         }
         // P = H⁻¹·R·H⁻ᵀ; H⁻¹ is H with the lever the other way round.
-        let inverse = columns(&-lever);
+        let inverse = crossing(&-lever);
         let mut xx = transposed_product(&product(&inverse, &seen.noise), &inverse);
-        for i in 0..6 {
-            for j in 0..i {
-                xx[i][j] = xx[j][i];
-            }
-        }
+        mirror(&mut xx);
         let Drift { speed, turn_rate, .. } = config.drift;
         let mut vv = [[0.0; 6]; 6];
         for (k, deviation) in (0..6).zip([speed, speed, speed, turn_rate, turn_rate, turn_rate]) {
@@ -237,26 +233,26 @@ impl Estimate {
         let place = seen.nominal_from_target.translation - expected;
         let miss = Pose { rotation: seen.rotation * turn.transpose(), translation: place };
         let rotation = miss.rotation_vector();
-        let y = [place.x, place.y, place.z, rotation.x, rotation.y, rotation.z];
-        let columns = columns(&lever);
-        let (hx, hv) = (product(&columns, &next.covariance.xx), product(&columns, &next.covariance.xv));
-        let mut s = transposed_product(&hx, &columns);
+        let mut y = [place.x, place.y, place.z, rotation.x, rotation.y, rotation.z];
+        let crossing = crossing(&lever);
+        let (hx, hv) = (product(&crossing, &next.covariance.xx), product(&crossing, &next.covariance.xv));
+        let mut s = transposed_product(&hx, &crossing);
         let [bend_place, bend_turn] = bend(&s);
         for (k, bend) in (0..6).zip([bend_place, bend_place, bend_place, bend_turn, bend_turn, bend_turn]) {
             add(&mut s[k], &seen.noise[k], 1.0);
             s[k][k] += bend;
         }
         let mut rows: [[[f64; 6]; 2]; 6] = core::array::from_fn(|k| [hx[k], hv[k]]);
-        let (verdict, e) = judge(&mut rows, &s, &y)?;
+        let (verdict, weights) = judge(&mut rows, &mut s, &mut y)?;
         if verdict.is_taken() {
             let (mut step, mut faster) = ([0.0; 6], [0.0; 6]);
-            for ([x, v], e) in rows.iter().zip(e) {
+            for ([x, v], e) in rows.iter().zip(y) {
                 add(&mut step, x, e);
                 add(&mut faster, v, e);
             }
             next.displacement = next.displacement.moved(&Displacement::of(&step), 1.0);
             next.rate = next.rate.plus(&Displacement::of(&faster));
-            next.covariance.reduce(&rows);
+            next.covariance.reduce(&rows, &weights);
         }
         Ok((next, verdict))
     }
@@ -295,48 +291,46 @@ impl Covariance {
         }
     }
 
-    /// P ← P − WᵀW.
-    fn reduce(&mut self, w: &[[[f64; 6]; 2]; 6]) {
+    /// P ← P − WᵀD⁻¹W, given 1/D.
+    fn reduce(&mut self, w: &[[[f64; 6]; 2]; 6], weights: &[f64; 6]) {
+        let Self { xx, xv, vv } = self;
         for i in 0..6 {
-            for [x, v] in w {
-                add(&mut self.xx[i], x, -x[i]);
-                add(&mut self.xv[i], v, -x[i]);
-                add(&mut self.vv[i], v, -v[i]);
+            for ([x, v], weight) in w.iter().zip(weights) {
+                let factor = weight * x[i];
+                subtract(&mut xx[i], x, factor);
+                subtract(&mut xv[i], v, factor);
+                subtract(&mut vv[i], v, weight * v[i]);
             }
         }
+        mirror(xx);
+        mirror(vv);
     }
 }
 
-/// H by columns: what a translation along each axis, and a rotation about each, does to a point at that lever.
-fn columns(lever: &Vector3<f64>) -> Block<6> {
-    let r = lever;
-    [
-        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
-        [0.0, -r.z, r.y, 1.0, 0.0, 0.0],
-        [r.z, 0.0, -r.x, 0.0, 1.0, 0.0],
-        [-r.y, r.x, 0.0, 0.0, 0.0, 1.0],
-    ]
+/// −\[r\]×, the part of H that is neither one nor zero: what a small rotation does to a point at that lever, row by row.
+fn crossing(r: &Vector3<f64>) -> [[f64; 3]; 3] {
+    [[0.0, r.z, -r.y], [-r.z, 0.0, r.x], [r.y, -r.x, 0.0]]
 }
 
-/// H·B, H given by its columns.
-fn product(columns: &Block<6>, block: &Block<6>) -> Block<6> {
-    let mut product = [[0.0; 6]; 6];
-    for (k, row) in product.iter_mut().enumerate() {
-        for (column, other) in columns.iter().zip(block) {
-            add(row, other, column[k]);
-        }
+/// H·B.
+fn product(crossing: &[[f64; 3]; 3], block: &Block<6>) -> Block<6> {
+    let mut product = *block;
+    let [_, _, _, a, b, c] = block;
+    for (row, [x, y, z]) in product.iter_mut().zip(crossing) {
+        add(row, a, *x);
+        add(row, b, *y);
+        add(row, c, *z);
     }
     product
 }
 
-/// B·Hᵀ, H given by its columns.
-fn transposed_product(block: &Block<6>, columns: &Block<6>) -> Block<6> {
-    let mut product = [[0.0; 6]; 6];
-    for (row, factors) in product.iter_mut().zip(block) {
-        for (column, factor) in columns.iter().zip(factors) {
-            add(row, column, *factor);
+/// B·Hᵀ.
+fn transposed_product(block: &Block<6>, crossing: &[[f64; 3]; 3]) -> Block<6> {
+    let mut product = *block;
+    for row in &mut product {
+        let [_, _, _, a, b, c] = *row;
+        for (value, [x, y, z]) in row.iter_mut().zip(crossing) {
+            *value += x * a + y * b + z * c;
         }
     }
     product
@@ -357,7 +351,13 @@ mod tests {
             };
             let here = displacement.pose(&pivot);
             let lever = here.rotation * (target - pivot);
-            for (axis, column) in columns(&lever).iter().enumerate() {
+            let (crossing, mut identity) = (crossing(&lever), [[0.0; 6]; 6]);
+            for axis in 0..6 {
+                identity[axis][axis] = 1.0;
+            }
+            let h = product(&crossing, &identity);
+            assert_eq!(transposed_product(&identity, &crossing), core::array::from_fn(|i| h.map(|row| row[i])));
+            for axis in 0..6 {
                 let beside = |by: f64| {
                     let mut step = [0.0; 6];
                     step[axis] = by;
@@ -367,7 +367,7 @@ mod tests {
                 let way = (above.transform_point(&target) - below.transform_point(&target)) / 2e-5;
                 let turn = Pose { rotation: above.rotation * below.rotation.transpose(), ..above };
                 let found = Displacement { translation: way, rotation: turn.rotation_vector() / 2e-5 };
-                let miss = found.plus(&Displacement::of(column).scaled(-1.0));
+                let miss = found.plus(&Displacement::of(&h.map(|row| row[axis])).scaled(-1.0));
                 assert!(miss.translation.norm() < 1e-8 && miss.rotation.norm() < 1e-8, "{k} {axis}: {miss:?}");
             }
         }

@@ -1,6 +1,6 @@
 //! The covariance of the filter's state in blocks, one for each pair of position, velocity and acceleration.
 
-use super::{State, add};
+use super::{State, add, subtract};
 
 /// N by N numbers, row by row: `block[i][j]` belongs to joints i and j.
 pub type Block<const N: usize> = [[f64; N]; N];
@@ -67,35 +67,32 @@ impl<const N: usize> Covariance<N> {
     pub(super) fn step(&mut self, dt: f64, jerk_density: &[f64; N]) {
         let Self { qq, qv, qa, vv, va, aa } = self;
         let half = 0.5 * dt * dt;
-        let (dt2, both, half2) = (dt * dt, dt * half, half * half);
         for i in 0..N {
-            for j in i..N {
-                let qq_new = qq[i][j]
-                    + dt * (qv[i][j] + qv[j][i])
-                    + half * (qa[i][j] + qa[j][i])
-                    + dt2 * vv[i][j]
-                    + both * (va[i][j] + va[j][i])
-                    + half2 * aa[i][j];
-                qq[i][j] = qq_new;
-                qq[j][i] = qq_new;
-            }
-        }
-        for i in 0..N {
+            // Columns i are as they were from row i on, which is what is needed of them.
+            let [qv_column, qa_column, va_column] = [&*qv, &*qa, &*va].map(|block| column(block, i));
+            let (mut qq_row, mut qv_row, mut qa_row) = (qq[i], qv[i], qa[i]);
+            add(&mut qa_row, &va[i], dt);
+            add(&mut qa_row, &aa[i], half);
+            add(&mut qv_row, &vv[i], dt);
+            add(&mut qv_row, &va_column, half);
             for j in 0..N {
-                qa[i][j] += dt * va[i][j] + half * aa[i][j];
-                qv[i][j] += dt * (vv[i][j] + qa[i][j]) + half * va[j][i];
+                qq_row[j] += dt * (qv_column[j] + qv_row[j]) + half * (qa_column[j] + qa_row[j]);
             }
+            add(&mut qv_row, &qa_row, dt);
+            (qq[i], qv[i], qa[i]) = (qq_row, qv_row, qa_row);
         }
         for i in 0..N {
-            for j in i..N {
-                let vv_new = vv[i][j] + dt * (va[i][j] + va[j][i]) + dt2 * aa[i][j];
-                vv[i][j] = vv_new;
-                vv[j][i] = vv_new;
+            let va_column = column(va, i);
+            let (mut vv_row, mut va_row) = (vv[i], va[i]);
+            add(&mut va_row, &aa[i], dt);
+            for j in 0..N {
+                vv_row[j] += dt * (va_column[j] + va_row[j]);
             }
+            (vv[i], va[i]) = (vv_row, va_row);
         }
-        for (va, aa) in va.iter_mut().zip(aa.iter()) {
-            add(va, aa, dt);
-        }
+        mirror(qq);
+        mirror(vv);
+        let dt2 = dt * dt;
         let (dt3, dt4, dt5) = (dt2 * dt, dt2 * dt2, dt2 * dt2 * dt);
         for i in 0..N {
             let density = jerk_density[i];
@@ -108,26 +105,59 @@ impl<const N: usize> Covariance<N> {
         }
     }
 
-    /// P ← P − WᵀW.
+    /// P ← P − WᵀD⁻¹W, given 1/D. Of symmetric blocks what is below the diagonal is left out where that leaves whole vectors.
     #[inline(always)]
-    pub(super) fn reduce<const M: usize>(&mut self, w: &Rows<N, M>) {
-        for i in 0..N {
-            let (mut qq, mut qv, mut qa) = (self.qq[i], self.qv[i], self.qa[i]);
-            for [q, v, a] in w {
-                add(&mut qq, q, -q[i]);
-                add(&mut qv, v, -q[i]);
-                add(&mut qa, a, -q[i]);
-            }
-            (self.qq[i], self.qv[i], self.qa[i]) = (qq, qv, qa);
+    pub(super) fn reduce<const M: usize>(&mut self, w: &Rows<N, M>, weights: &[f64; M]) {
+        let half = const { (N / 2) & !1 };
+        for i in 0..half {
+            self.reduce_row(w, weights, i, 0);
         }
-        for i in 0..N {
-            let (mut vv, mut va, mut aa) = (self.vv[i], self.va[i], self.aa[i]);
-            for [_, v, a] in w {
-                add(&mut vv, v, -v[i]);
-                add(&mut va, a, -v[i]);
-                add(&mut aa, a, -a[i]);
-            }
-            (self.vv[i], self.va[i], self.aa[i]) = (vv, va, aa);
+        for i in half..N {
+            self.reduce_row(w, weights, i, half);
+        }
+        mirror(&mut self.qq);
+        mirror(&mut self.vv);
+        mirror(&mut self.aa);
+    }
+
+    /// Row i of each block; of symmetric ones from this column on.
+    #[inline(always)]
+    fn reduce_row<const M: usize>(&mut self, w: &Rows<N, M>, weights: &[f64; M], i: usize, first: usize) {
+        let (mut qq, mut qv, mut qa) = (self.qq[i], self.qv[i], self.qa[i]);
+        for ([q, v, a], weight) in w.iter().zip(weights) {
+            let factor = weight * q[i];
+            subtract(&mut qq[first..], &q[first..], factor);
+            subtract(&mut qv, v, factor);
+            subtract(&mut qa, a, factor);
+        }
+        (self.qq[i], self.qv[i], self.qa[i]) = (qq, qv, qa);
+        let (mut vv, mut va, mut aa) = (self.vv[i], self.va[i], self.aa[i]);
+        for ([_, v, a], weight) in w.iter().zip(weights) {
+            let factor = weight * v[i];
+            subtract(&mut vv[first..], &v[first..], factor);
+            subtract(&mut va, a, factor);
+            subtract(&mut aa[first..], &a[first..], weight * a[i]);
+        }
+        (self.vv[i], self.va[i], self.aa[i]) = (vv, va, aa);
+    }
+}
+
+/// A column.
+#[inline(always)]
+fn column<const N: usize>(block: &Block<N>, j: usize) -> [f64; N] {
+    let mut column = [0.0; N];
+    for i in 0..N {
+        column[i] = block[i][j];
+    }
+    column
+}
+
+/// Below the diagonal what is above.
+#[inline(always)]
+pub(crate) fn mirror<const N: usize>(block: &mut Block<N>) {
+    for i in 0..N {
+        for j in 0..i {
+            block[i][j] = block[j][i];
         }
     }
 }

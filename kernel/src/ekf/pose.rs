@@ -37,7 +37,7 @@ impl<const N: usize> Ekf<N> {
         positive(&[measured.position_deviation, measured.rotation_deviation])?;
         let base_from_target = measured.tracker_from_base.inverse() * measured.tracker_from_target;
         rotation_is_sound(&base_from_target.rotation)?;
-        let (base_from_flange, jacobian) = arm.jacobian(&self.state().position);
+        let (base_from_flange, mut jacobian) = arm.jacobian(&self.state().position);
         let expected = base_from_flange * measured.flange_from_target;
         let lever = expected.translation - base_from_flange.translation;
         let position = base_from_target.translation - expected.translation;
@@ -49,27 +49,22 @@ impl<const N: usize> Ekf<N> {
             return Err(EkfError::NotFinite);
         }
         // The target moves with the flange's origin and turns about it.
-        let mut columns = jacobian.data.0;
-        for [vx, vy, vz, wx, wy, wz] in &mut columns {
+        let columns = &mut jacobian.data.0;
+        for [vx, vy, vz, wx, wy, wz] in &mut *columns {
             let around = Vector3::new(*wx, *wy, *wz).cross(&lever);
             *vx += around.x;
             *vy += around.y;
             *vz += around.z;
         }
-        let mut rows = self.pose_rows(&columns);
+        let mut rows = self.pose_rows(columns);
         let (place, turn) = (measured.position_deviation, measured.rotation_deviation);
-        let mut s = [[0.0; 6]; 6];
-        for (s, [row, ..]) in s.iter_mut().zip(&rows) {
-            for (column, factor) in columns.iter().zip(row) {
-                add(s, column, *factor);
-            }
-        }
+        let mut s = spread(columns, &rows);
         let [bend_place, bend_turn] = bend(&s);
         let (p, r) = (place * place + bend_place, turn * turn + bend_turn);
         for (k, variance) in (0..6).zip([p, p, p, r, r, r]) {
             s[k][k] += variance;
         }
-        self.correct(&mut rows, &s, &y)
+        self.correct(&mut rows, &mut s, y)
     }
 
     /// H·P = J·\[P_qq, P_qv, P_qa\], J given by its columns.
@@ -86,6 +81,24 @@ impl<const N: usize> Ekf<N> {
         }
         rows
     }
+}
+
+/// H·P·Hᵀ of rows H·P, on and above the diagonal; below it what comes with whole vectors.
+#[inline(always)]
+fn spread<const N: usize>(columns: &[[f64; 6]; N], rows: &Rows<N, 6>) -> [[f64; 6]; 6] {
+    let mut s = [[0.0; 6]; 6];
+    let mut add_row = |k: usize, first: usize| {
+        for (column, factor) in columns.iter().zip(&rows[k][0]) {
+            add(&mut s[k][first..], &column[first..], *factor);
+        }
+    };
+    for k in 0..2 {
+        add_row(k, 0);
+    }
+    for k in 2..6 {
+        add_row(k, 2);
+    }
+    s
 }
 
 /// What h(x) bends away from its tangent, as variances of position (m²) and rotation (rad²), given H·P·Hᵀ. The second-order term

@@ -26,6 +26,6 @@ impl<const N: usize> Ekf<N> {
             s[k][k] += deviation.0[k] * deviation.0[k];
             y[k] -= self.state().velocity.0[k];
         }
-        self.correct(&mut rows, &s, &y)
+        self.correct(&mut rows, &mut s, y)
     }
 }

@@ -6,9 +6,11 @@ pub mod dense;
 pub mod estimation;
 pub mod fuzz;
 pub mod inverse;
+pub mod literal;
 pub mod motion;
 pub mod plant;
 pub mod program;
+pub mod rival;
 pub mod wrist;
 
 use screed_kernel::arm::{Arm, Dh, Joint, Rating};
