@@ -242,7 +242,7 @@ pub(crate) fn add(a: &mut [f64], b: &[f64], factor: f64) {
 
 /// a ← a − factor·b.
 #[inline(always)]
-fn subtract(a: &mut [f64], b: &[f64], factor: f64) {
+pub(crate) fn subtract(a: &mut [f64], b: &[f64], factor: f64) {
     for (a, b) in a.iter_mut().zip(b) {
         *a -= factor * b;
     }

@@ -37,6 +37,8 @@ pub struct Seen {
     pub frames: [u64; 2],
     /// Ticks that came late.
     pub late: u64,
+    /// Of the base: poses taken, gated, acquiring, acquired, refused; ticks in excess, without trust.
+    pub base: [u64; 7],
     /// Answers whose bytes did not arrive whole, which only a changed host explains.
     pub answers_broken: u64,
     /// What could not be put into a frame: has to stay zero.
@@ -112,7 +114,16 @@ impl Seen {
     /// Whether everything was met.
     pub fn is_complete(&self) -> bool {
         let [_, misfits @ ..] = &self.misfits;
-        let lists = [&self.modes[..], &self.said, &self.faults, &self.refused, &self.unsound, misfits, &self.frames];
+        let lists = [
+            &self.modes[..],
+            &self.said,
+            &self.faults,
+            &self.refused,
+            &self.unsound,
+            misfits,
+            &self.frames,
+            &self.base,
+        ];
         let singles = [self.bytes, self.corrected, self.accepted, self.statuses, self.faults_told, self.late];
         lists.iter().all(|list| list.iter().all(|&n| n > 0)) && singles.iter().all(|&n| n > 0) && self.unsaid == 0
     }
@@ -137,6 +148,7 @@ impl fmt::Display for Seen {
         writeln!(f, "  configuration    {:?} (joints periods positions motion errors", self.unsound)?;
         writeln!(f, "                   correction tool workspace)")?;
         writeln!(f, "  does not fit     {:?} (- position speed acceleration jerk workspace)", self.misfits)?;
+        writeln!(f, "base               {:?} (taken gated acquiring acquired refused, excess untrusted)", self.base)?;
         let Self { accepted, statuses, faults_told, .. } = self;
         writeln!(f, "batches accepted   {accepted}, statuses {statuses}, faults told {faults_told}")?;
         write!(f, "answers broken     {}, unsaid {}", self.answers_broken, self.unsaid)

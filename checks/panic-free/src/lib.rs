@@ -9,6 +9,8 @@ use core::mem::MaybeUninit;
 use nalgebra::{Matrix6, Vector3};
 use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
+use screed_kernel::base::history::{History, HistoryError};
+use screed_kernel::base::{self, Base, BaseConfig, BaseError, Excess, Measurement, Output};
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::dexterity::Dexterity;
 use screed_kernel::ekf::pose::TrackedPose;
@@ -169,6 +171,23 @@ macro_rules! kernel_roots {
                 (offered, report, ahead)
             }
 
+            /// [`Base::measure`], with encoders out of a [`History`]
+            #[unsafe(export_name = concat!("root_base_measure_", $joints))]
+            pub fn base_measure(
+                base: &mut Base,
+                history: &mut History<$joints, 16>,
+                arm: &Arm<$joints>,
+                measurement: &Measurement<$joints>,
+                now: Nanos,
+            ) -> (Result<(), HistoryError>, Result<base::Verdict, BaseError>) {
+                let pushed = history.push(now, &measurement.joints);
+                let joints = match history.at(measurement.at) {
+                    Ok(joints) => joints,
+                    Err(error) => return (Err(error), Err(BaseError::Late { by: 0 })),
+                };
+                (pushed, base.measure(arm, &Measurement { joints, ..*measurement }))
+            }
+
             /// [`Ekf::rates`] and [`Ekf::encoders`]
             #[unsafe(export_name = concat!("root_ekf_joints_", $joints))]
             pub fn ekf_joints(
@@ -186,6 +205,28 @@ kernel_roots!(3, three);
 kernel_roots!(6, six);
 kernel_roots!(7, seven);
 kernel_roots!(9, nine);
+
+/// [`Base::new`]
+#[unsafe(no_mangle)]
+pub fn root_base_new(config: &BaseConfig) -> Result<Base, BaseError> {
+    Base::new(config)
+}
+
+/// [`Base::tick`] and what a base tells.
+#[unsafe(no_mangle)]
+pub fn root_base_tick(base: &mut Base, at: Nanos, clear: bool) -> (Result<Output, Excess>, Pose, Pose, f64) {
+    if clear {
+        base.clear();
+    }
+    let output = base.tick(at);
+    let certain = base.estimate().map_or(0.0, |estimate| {
+        estimate.at().0 as f64
+            + estimate.covariance().xx[0][0]
+            + estimate.displacement().rotation.x
+            + estimate.rate().rotation.x
+    });
+    (output, base.output().nominal_from_base, base.tracker_from_base(at), certain)
+}
 
 /// [`frame::encode`] of what the host says.
 #[unsafe(no_mangle)]

@@ -11,9 +11,9 @@
 
 use super::{BaseConfig, seconds};
 use crate::arm::Arm;
-use crate::ekf::covariance::Block;
+use crate::ekf::covariance::{Block, mirror};
 use crate::ekf::pose::{bend, rotation_is_sound};
-use crate::ekf::{EkfError, Verdict, add, judge, positive};
+use crate::ekf::{EkfError, Verdict, add, judge, positive, subtract};
 use crate::pose::Pose;
 use crate::units::{JointPos, Nanos};
 use nalgebra::{Matrix3, Vector3};
@@ -199,13 +199,9 @@ impl Estimate {
             return Err(EkfError::NotFinite);
         }
         // P = H⁻¹·R·H⁻ᵀ; H⁻¹ is H with the lever the other way round.
-        let inverse = columns(&-lever);
+        let inverse = crossing(&-lever);
         let mut xx = transposed_product(&product(&inverse, &seen.noise), &inverse);
-        for i in 0..6 {
-            for j in 0..i {
-                xx[i][j] = xx[j][i];
-            }
-        }
+        mirror(&mut xx);
         let Drift { speed, turn_rate, .. } = config.drift;
         let mut vv = [[0.0; 6]; 6];
         for (k, deviation) in (0..6).zip([speed, speed, speed, turn_rate, turn_rate, turn_rate]) {
@@ -238,9 +234,9 @@ impl Estimate {
         let miss = Pose { rotation: seen.rotation * turn.transpose(), translation: place };
         let rotation = miss.rotation_vector();
         let mut y = [place.x, place.y, place.z, rotation.x, rotation.y, rotation.z];
-        let columns = columns(&lever);
-        let (hx, hv) = (product(&columns, &next.covariance.xx), product(&columns, &next.covariance.xv));
-        let mut s = transposed_product(&hx, &columns);
+        let crossing = crossing(&lever);
+        let (hx, hv) = (product(&crossing, &next.covariance.xx), product(&crossing, &next.covariance.xv));
+        let mut s = transposed_product(&hx, &crossing);
         let [bend_place, bend_turn] = bend(&s);
         for (k, bend) in (0..6).zip([bend_place, bend_place, bend_place, bend_turn, bend_turn, bend_turn]) {
             add(&mut s[k], &seen.noise[k], 1.0);
@@ -295,50 +291,133 @@ impl Covariance {
         }
     }
 
-    /// P ← P − WᵀD⁻¹W.
+    /// P ← P − WᵀD⁻¹W, given 1/D.
     fn reduce(&mut self, w: &[[[f64; 6]; 2]; 6], weights: &[f64; 6]) {
+        let Self { xx, xv, vv } = self;
         for i in 0..6 {
             for ([x, v], weight) in w.iter().zip(weights) {
-                let (of_x, of_v) = (-x[i] * weight, -v[i] * weight);
-                add(&mut self.xx[i], x, of_x);
-                add(&mut self.xv[i], v, of_x);
-                add(&mut self.vv[i], v, of_v);
+                let factor = weight * x[i];
+                subtract(&mut xx[i], x, factor);
+                subtract(&mut xv[i], v, factor);
+                subtract(&mut vv[i], v, weight * v[i]);
+            }
+        }
+        mirror(xx);
+        mirror(vv);
+    }
+}
+
+/// −\[r\]×, the part of H that is neither one nor zero: what a small rotation does to a point at that lever, row by row.
+fn crossing(r: &Vector3<f64>) -> [[f64; 3]; 3] {
+    [[0.0, r.z, -r.y], [-r.z, 0.0, r.x], [r.y, -r.x, 0.0]]
+}
+
+/// H·B.
+fn product(crossing: &[[f64; 3]; 3], block: &Block<6>) -> Block<6> {
+    let mut product = *block;
+    let [_, _, _, a, b, c] = block;
+    for (row, [x, y, z]) in product.iter_mut().zip(crossing) {
+        add(row, a, *x);
+        add(row, b, *y);
+        add(row, c, *z);
+    }
+    product
+}
+
+/// B·Hᵀ.
+fn transposed_product(block: &Block<6>, crossing: &[[f64; 3]; 3]) -> Block<6> {
+    let mut product = *block;
+    for row in &mut product {
+        let [_, _, _, a, b, c] = *row;
+        for (value, [x, y, z]) in row.iter_mut().zip(crossing) {
+            *value += x * a + y * b + z * c;
+        }
+    }
+    product
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_what_small_displacements_do_to_the_target() {
+        let (pivot, target) = (Vector3::new(0.7, -0.2, 0.4), Vector3::new(1.3, 0.5, -0.6));
+        for k in 0..200 {
+            let t = f64::from(k);
+            let displacement = Displacement {
+                translation: Vector3::new(libm::sin(t), libm::cos(t), libm::sin(2.0 * t)) * 0.02,
+                rotation: Vector3::new(libm::cos(3.0 * t), libm::sin(5.0 * t), libm::cos(t)) * 0.1,
+            };
+            let here = displacement.pose(&pivot);
+            let lever = here.rotation * (target - pivot);
+            let (crossing, mut identity) = (crossing(&lever), [[0.0; 6]; 6]);
+            for axis in 0..6 {
+                identity[axis][axis] = 1.0;
+            }
+            let h = product(&crossing, &identity);
+            assert_eq!(transposed_product(&identity, &crossing), core::array::from_fn(|i| h.map(|row| row[i])));
+            for axis in 0..6 {
+                let beside = |by: f64| {
+                    let mut step = [0.0; 6];
+                    step[axis] = by;
+                    displacement.moved(&Displacement::of(&step), 1.0).pose(&pivot)
+                };
+                let (below, above) = (beside(-1e-5), beside(1e-5));
+                let way = (above.transform_point(&target) - below.transform_point(&target)) / 2e-5;
+                let turn = Pose { rotation: above.rotation * below.rotation.transpose(), ..above };
+                let found = Displacement { translation: way, rotation: turn.rotation_vector() / 2e-5 };
+                let miss = found.plus(&Displacement::of(&h.map(|row| row[axis])).scaled(-1.0));
+                assert!(miss.translation.norm() < 1e-8 && miss.rotation.norm() < 1e-8, "{k} {axis}: {miss:?}");
             }
         }
     }
-}
 
-/// H by columns: what a translation along each axis, and a rotation about each, does to a point at that lever.
-fn columns(lever: &Vector3<f64>) -> Block<6> {
-    let r = lever;
-    [
-        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
-        [0.0, -r.z, r.y, 1.0, 0.0, 0.0],
-        [r.z, 0.0, -r.x, 0.0, 1.0, 0.0],
-        [-r.y, r.x, 0.0, 0.0, 0.0, 1.0],
-    ]
-}
-
-/// H·B, H given by its columns.
-fn product(columns: &Block<6>, block: &Block<6>) -> Block<6> {
-    let mut product = [[0.0; 6]; 6];
-    for (k, row) in product.iter_mut().enumerate() {
-        for (column, other) in columns.iter().zip(block) {
-            add(row, other, column[k]);
+    /// Q of a rate with deviation 1 over T: ∫ g·gᵀ·2/τ ds with g(s) = [τ(1 − e^(−s/τ)), e^(−s/τ)], by Simpson's rule.
+    #[test]
+    fn process_noise_is_the_integral_at_any_step() {
+        let drift = Drift { speed: 1.0, turn_rate: 0.1, time: 2.0 };
+        for dt in [1e-5, 1e-3, 0.008, 0.039, 0.041, 0.3, 2.0, 10.0] {
+            let none = [[0.0; 6]; 6];
+            let mut covariance = Covariance { xx: none, xv: none, vv: none };
+            covariance.step(dt, &drift);
+            let (mut sums, count) = ([0.0; 3], 4000);
+            for k in 0..=count {
+                let s = dt * f64::from(k) / f64::from(count);
+                let weight = if k == 0 || k == count { 1.0 } else { 2.0 + 2.0 * f64::from(k % 2) };
+                let (x, v) = (-2.0 * libm::expm1(-s / 2.0), libm::exp(-s / 2.0));
+                for (sum, value) in sums.iter_mut().zip([x * x, x * v, v * v]) {
+                    *sum += weight * value * dt / (3.0 * f64::from(count));
+                }
+            }
+            let found = [covariance.xx[1][1], covariance.xv[1][1], covariance.vv[1][1]];
+            for (found, sum) in found.iter().zip(sums) {
+                assert!((found / sum - 1.0).abs() < 1e-10, "{dt}: {found:e} {sum:e}");
+            }
+            assert!((covariance.xx[4][4] / covariance.xx[1][1] - 0.01).abs() < 1e-12);
         }
     }
-    product
-}
 
-/// B·Hᵀ, H given by its columns.
-fn transposed_product(block: &Block<6>, columns: &Block<6>) -> Block<6> {
-    let mut product = [[0.0; 6]; 6];
-    for (row, factors) in product.iter_mut().zip(block) {
-        for (column, factor) in columns.iter().zip(factors) {
-            add(row, column, *factor);
+    #[test]
+    fn two_steps_are_one_of_their_length() {
+        let drift = Drift { speed: 3e-3, turn_rate: 1e-4, time: 2.0 };
+        let start = {
+            let mut block = [[0.0; 6]; 6];
+            for i in 0..6 {
+                for j in 0..6 {
+                    block[i][j] = 1e-8 / (1.0 + (i as f64 - j as f64) * (i as f64 - j as f64));
+                }
+            }
+            Covariance { xx: block, xv: block, vv: block }
+        };
+        let (mut once, mut twice) = (start, start);
+        once.step(0.5, &drift);
+        twice.step(0.007, &drift);
+        twice.step(0.493, &drift);
+        for (a, b) in [(once.xx, twice.xx), (once.xv, twice.xv), (once.vv, twice.vv)] {
+            for (a, b) in a.iter().flatten().zip(b.iter().flatten()) {
+                assert!((a - b).abs() < 1e-12 * a.abs().max(1e-8), "{a:e} {b:e}");
+            }
         }
     }
-    product
 }

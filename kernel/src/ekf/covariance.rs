@@ -154,7 +154,7 @@ fn column<const N: usize>(block: &Block<N>, j: usize) -> [f64; N] {
 
 /// Below the diagonal what is above.
 #[inline(always)]
-fn mirror<const N: usize>(block: &mut Block<N>) {
+pub(crate) fn mirror<const N: usize>(block: &mut Block<N>) {
     for i in 0..N {
         for j in 0..i {
             block[i][j] = block[j][i];

@@ -1,6 +1,7 @@
 //! What the kernel's tests share: seeded numbers, a small arm, and a kernel with a host's two ends of the line.
 #![allow(dead_code)] // Each test takes what it needs.
 
+pub mod base;
 pub mod dense;
 pub mod estimation;
 pub mod fuzz;
