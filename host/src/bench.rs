@@ -1,4 +1,5 @@
 //! Published experiments done again, and what the control law comes to.
 
+pub mod base;
 pub mod fig6;
 pub mod servoj;

@@ -1,33 +1,20 @@
-//! The whole loop around a kernel: what the robot does is learnt from, what the path asks for is led and corrected.
+//! The whole loop around a kernel: robot and tracker are made an estimate, what the path asks for is corrected and led, and the
+//! drives are learnt from what comes of it.
 //!
 //! One call stands for one cycle: [`ClosedLoop::tick`] takes the place of [`Kernel::tick`].
 
 use crate::arm::Arm;
+use crate::base::Excess;
 use crate::control::{Control, ControlError, Report, Seen, Settings};
 use crate::drive::{Drive, DriveError, Identification, Learning};
+use crate::estimator::{Estimated, Estimator, Robot, TrackerPose};
 use crate::fault::Fault;
 use crate::guard::Quantity;
 use crate::ik::Family;
 use crate::mode::Mode;
 use crate::pose::Pose;
 use crate::tick::{Command, Kernel, Sensors};
-use crate::units::Nanos;
-
-/// What a tracker and the filter behind it say of the arm at a tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tracked {
-    /// Where the base is, in the frame of where it should be.
-    pub nominal_from_base: Pose,
-    /// Where the flange is in the base as it is; `None` while that is not to be trusted.
-    pub base_from_flange: Option<Pose>,
-}
-
-impl Tracked {
-    /// No tracker.
-    pub fn none() -> Self {
-        Self { nominal_from_base: Pose::identity(), base_from_flange: None }
-    }
-}
+use crate::units::{JointAcc, Nanos};
 
 /// Why there is no loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,23 +25,34 @@ pub enum LoopError {
     Drive(DriveError),
 }
 
-/// Controller and drives of an N-joint arm.
-#[derive(Clone, Debug)]
-pub struct ClosedLoop<const N: usize> {
-    arm: Arm<N>,
-    identification: Identification<N>,
-    control: Control<N>,
-    ticked: Option<Nanos>,
-    period: f64,
+/// What a tick came to, for telemetry.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LoopReport<const N: usize> {
+    /// The controller's; what it was at last where it was not asked.
+    pub control: Report,
+    /// The estimator's, where there is one.
+    pub estimated: Option<Result<Estimated<N>, Excess>>,
 }
 
-impl<const N: usize> ClosedLoop<N> {
+/// Estimator, controller and drives of an N-joint arm. The estimator remembers `DEPTH` ticks; without a tracker there is none.
+#[derive(Clone, Debug)]
+pub struct ClosedLoop<const N: usize, const DEPTH: usize> {
+    arm: Arm<N>,
+    estimator: Option<Estimator<N, DEPTH>>,
+    identification: Identification<N>,
+    control: Control<N>,
+    period: f64,
+    ticked: Option<Nanos>,
+}
+
+impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
     /// A loop for ticks of `period` s that assumes these drives.
     ///
     /// # Errors
     /// [`LoopError`]
     pub fn new(
         arm: &Arm<N>,
+        estimator: Option<Estimator<N, DEPTH>>,
         settings: &Settings<N>,
         drives: &[Drive; N],
         learning: &Learning,
@@ -62,10 +60,11 @@ impl<const N: usize> ClosedLoop<N> {
     ) -> Result<Self, LoopError> {
         Ok(Self {
             arm: *arm,
+            estimator,
             identification: Identification::new(drives, learning, period).map_err(LoopError::Drive)?,
             control: Control::new(settings, Family::of(arm), period).map_err(LoopError::Control)?,
-            ticked: None,
             period,
+            ticked: None,
         })
     }
 
@@ -74,33 +73,60 @@ impl<const N: usize> ClosedLoop<N> {
         &self.identification
     }
 
-    /// One cycle of the kernel with its loop. [`Sensors::correction`] says nothing here.
+    /// The estimator, where there is one.
+    pub const fn estimator(&self) -> Option<&Estimator<N, DEPTH>> {
+        self.estimator.as_ref()
+    }
+
+    /// One cycle of the kernel with its loop, begun at `now`.
     pub fn tick<const CAP: usize>(
         &mut self,
         kernel: &mut Kernel<N, CAP>,
         now: Nanos,
-        sensors: &Sensors<N>,
-        tracked: &Tracked,
-    ) -> (Command<N>, Report) {
-        let dt = self.ticked.map_or(self.period, |before| now.since(before) as f64 * 1e-9);
-        self.ticked = Some(now);
-        let Self { arm, identification, control, .. } = self;
-        let Tracked { nominal_from_base, base_from_flange } = *tracked;
-        let mut report = Report::default();
-        let command = kernel.tick_corrected(now, sensors, |reference| {
+        robot: &Robot<N>,
+        poses: &[TrackerPose],
+    ) -> (Command<N>, LoopReport<N>) {
+        let dt = self.elapsed(now);
+        let Self { arm, estimator, identification, control, .. } = self;
+        let estimated = estimator.as_mut().map(|estimator| estimator.tick(arm, now, robot, poses));
+        let (nominal_from_base, base_from_flange, estimate) = match &estimated {
+            Some(Ok(Estimated { base, base_from_flange, joints, .. })) => {
+                (base.nominal_from_base, *base_from_flange, base_from_flange.map(|_| *joints))
+            }
+            _ => (Pose::identity(), None, None),
+        };
+        let mut report = LoopReport { control: Report::default(), estimated };
+        let mut commanded = JointAcc::ZERO;
+        let sensors = Sensors { actual: robot.actual, estimate, correction: None, ready: robot.ready };
+        let command = kernel.tick_corrected(now, &sensors, |reference| {
+            if let Some(Err(Excess { value, limit, axis, .. })) = estimated {
+                return Err(Fault::Correction { quantity: Quantity::Workspace, joint: axis, value, limit });
+            }
+            commanded = reference.acceleration;
             let seen = Seen { nominal_from_base, base_from_flange, drives: identification.drives(), dt };
             let (correction, done) = control.step(arm, reference, &seen).map_err(fault)?;
-            report = done;
+            report.control = done;
             Ok(Some(correction))
         });
+        if let Some(estimator) = estimator {
+            estimator.command(&commanded);
+        }
         match (command.joints, command.mode) {
-            (Some(sent), Mode::Holding | Mode::Moving | Mode::Stopping { .. }) if sensors.ready => {
+            (Some(sent), Mode::Holding | Mode::Moving | Mode::Stopping { .. }) if robot.ready => {
                 // What is not finite has been found by the kernel.
-                let _ = identification.observe(&sent, &sensors.actual, dt);
+                let _ = identification.observe(&sent, &robot.actual, dt);
             }
             _ => identification.pause(),
         }
         (command, report)
+    }
+
+    /// Since the last tick (s). The robot's telegram is the clock, and its stamp here has a process' jitter: what is not late by
+    /// half a period is on time, as [`crate::frame::Status::ticks_late`] has it.
+    fn elapsed(&mut self, now: Nanos) -> f64 {
+        let elapsed = self.ticked.map_or(self.period, |before| now.since(before) as f64 * 1e-9);
+        self.ticked = Some(now);
+        if libm::fabs(elapsed - self.period) <= 0.5 * self.period { self.period } else { elapsed }
     }
 }
 

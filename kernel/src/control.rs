@@ -16,8 +16,10 @@
 //! [`Correction::towards`]: crate::correction::Correction::towards
 
 use crate::arm::Arm;
+use crate::correction::{Correction, CorrectionLimits};
 use crate::delay::Delay;
 use crate::drive::{DEAD_TICKS_MAX, Drive, lead};
+use crate::guard::exceeds;
 use crate::ik::{Answer, Branch, Family, IkError};
 use crate::pid::{ByProcess, Gains, Pid, PidError, Process};
 use crate::pose::Pose;
@@ -32,6 +34,12 @@ const SHIFT_TIME: f64 = 0.05;
 /// How far (rad, m) the sum may stay behind before the integral waits for it.
 const BEHIND_MAX: f64 = 1e-4;
 
+/// How far the tool's shift (m) and turn (rad) may stay behind before the feedback waits, and the patience runs.
+const HELD_MAX: f64 = 1e-5;
+
+/// Nearer than this (m, rad), what is added is just what is wanted.
+const EXACT: f64 = 1e-12;
+
 /// How far corrections may move the tool centre point. Beyond it they stop, and so does the path: a base that has moved so far
 /// is not to be made up for by the arm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,10 +48,14 @@ pub struct Bounds {
     pub shift_max: f64,
     /// Farthest turned from it (rad).
     pub turn_max: f64,
-    /// How fast it is shifted at most (m/s).
+    /// How fast it is shifted at most along each axis (m/s).
     pub shift_speed_max: f64,
-    /// How fast it is turned at most (rad/s).
+    /// How fast that may change (m/s²): what carries the arm is not to be swung.
+    pub shift_acceleration_max: f64,
+    /// How fast it is turned at most about each axis (rad/s).
     pub turn_speed_max: f64,
+    /// How fast that may change (rad/s²).
+    pub turn_acceleration_max: f64,
     /// How long it may move as fast as that (s): a step is gone by then, a base that runs away is not.
     pub patience: f64,
 }
@@ -117,8 +129,8 @@ pub struct Report {
     pub shift: f64,
     /// How far it is turned (rad).
     pub turn: f64,
-    /// How much of what was wanted is added, 0 to 1: less than 1 where the bounds of speed hold it.
-    pub share: f64,
+    /// How far the tool's shift stays behind what was wanted, for the bounds of its speed (m), and its turn (rad).
+    pub held: [f64; 2],
     /// By how much the sum stays behind what was wanted, for the limits of the joints (rad, m): a lead is then too short.
     pub behind: f64,
     /// The branch of the estimate where it is not that of the reference: then feedback has nothing to say.
@@ -139,25 +151,44 @@ pub struct Control<const N: usize> {
     /// q_r at the last ticks; `None` before the first.
     references: Option<Delay<N, { DEAD_TICKS_MAX + 1 }>>,
     branch: Option<Branch>,
-    /// What the base's shift adds, smoothed.
-    shift: JointPos<N>,
+    /// What the base's shift is to add, smoothed.
+    smooth: JointPos<N>,
     /// What the PID adds.
     feedback: JointPos<N>,
-    /// What base and PID added at the last tick, and by how much that shifts (m) and turns (rad) the tool.
+    /// What base and PID add, and by how much that shifts (m) and turns (rad) the tool.
     added: JointPos<N>,
-    moved: [Vector3<f64>; 2],
+    moved: [Correction<3>; 2],
+    /// By how much they wanted to.
+    aims: [JointPos<3>; 2],
     /// The sum wanted at the last tick.
     wanted: JointPos<N>,
-    behind: f64,
+    /// Whether what was wanted at the last tick has been held back.
+    waits: bool,
     /// How long the speed's bound has held it (s).
     held: f64,
 }
 
 impl Bounds {
     fn is_valid(&self) -> bool {
-        let Self { shift_max, turn_max, shift_speed_max, turn_speed_max, patience } = *self;
-        let all = [shift_max, turn_max, shift_speed_max, turn_speed_max, patience];
-        all.iter().all(|bound| bound.is_finite() && *bound > 0.0)
+        let limits = [self.shift(), self.turn()];
+        let valid = limits.iter().all(|limits| limits.is_valid() && *limits != CorrectionLimits::NONE);
+        valid && self.patience.is_finite() && self.patience > 0.0
+    }
+
+    /// Along each axis.
+    const fn shift(&self) -> CorrectionLimits {
+        let Self { shift_max, shift_speed_max, shift_acceleration_max, .. } = *self;
+        CorrectionLimits {
+            size_max: shift_max,
+            velocity_max: shift_speed_max,
+            acceleration_max: shift_acceleration_max,
+        }
+    }
+
+    /// About each axis.
+    const fn turn(&self) -> CorrectionLimits {
+        let Self { turn_max, turn_speed_max, turn_acceleration_max, .. } = *self;
+        CorrectionLimits { size_max: turn_max, velocity_max: turn_speed_max, acceleration_max: turn_acceleration_max }
     }
 }
 
@@ -185,12 +216,13 @@ impl<const N: usize> Control<N> {
             closed: false,
             references: None,
             branch: None,
-            shift: JointPos::ZERO,
+            smooth: JointPos::ZERO,
             feedback: JointPos::ZERO,
             added: JointPos::ZERO,
-            moved: [Vector3::zeros(); 2],
+            moved: [Correction::none(); 2],
+            aims: [JointPos::ZERO; 2],
             wanted: JointPos::ZERO,
-            behind: 0.0,
+            waits: false,
             held: 0.0,
         })
     }
@@ -205,39 +237,44 @@ impl<const N: usize> Control<N> {
         reference: &Reference<N>,
         seen: &Seen<'_, N>,
     ) -> Result<(JointPos<N>, Report), ControlError> {
-        let mut report = Report { share: 1.0, ..Report::default() };
+        let mut report = Report::default();
         if reference.correction.is_none() {
             // Before the first, and after they have been taken out.
             (self.added, self.feedback, self.wanted) = (JointPos::ZERO, JointPos::ZERO, JointPos::ZERO);
-            (self.moved, self.closed) = ([Vector3::zeros(); 2], false);
+            (self.moved, self.aims, self.closed) = ([Correction::none(); 2], [JointPos::ZERO; 2], false);
         }
         let mut leads = JointPos::ZERO;
         if reference.plays {
             let shift = self.shifted(arm, reference, seen, &mut report)?;
-            let wanted = self.feed_back(arm, reference, &shift, seen, &mut report)?;
+            let feedback = self.feed_back(arm, reference, seen, &mut report)?;
+            if !self.waits {
+                self.feedback = feedback;
+            }
+            if report.closed {
+                self.pid.put_out(&self.feedback).map_err(ControlError::Pid)?;
+            }
+            let wanted = sum(&shift, &self.feedback);
             self.bound(arm, reference, &wanted, &mut report)?;
             let mut velocity = reference.velocity;
-            let rates = velocity.0.iter_mut().zip(self.shift.0.iter_mut().zip(&shift.0));
+            let rates = velocity.0.iter_mut().zip(self.smooth.0.iter_mut().zip(&shift.0));
             let part = -libm::expm1(-seen.dt / SHIFT_TIME);
             for (velocity, (smooth, shift)) in rates {
                 *velocity += (shift - *smooth) / SHIFT_TIME;
                 *smooth += part * (shift - *smooth);
             }
             leads = lead(seen.drives, &velocity, &reference.acceleration);
-            if report.closed {
-                let put_out = sum(&self.feedback, &difference(&self.added, &wanted));
-                self.pid.put_out(&put_out).map_err(ControlError::Pid)?;
-                self.feedback = put_out;
-            }
         } else {
             (self.closed, self.references) = (false, None);
         }
         let wanted = sum(&self.added, &leads);
         let Reference { limits, period, .. } = reference;
         let (next, behind) = reference.correction.towards(&wanted, &self.wanted, limits, *period);
-        (self.wanted, self.behind) = (wanted, behind);
+        self.wanted = wanted;
+        // The feedback waits for what is held back.
+        let [shift, turn] = report.held;
+        self.waits = behind > BEHIND_MAX || shift > HELD_MAX || turn > HELD_MAX;
         report.behind = behind;
-        let [shift, turn] = self.moved.map(|part| part.norm());
+        let [shift, turn] = self.moved.map(|part| norm(&part.offsets()));
         (report.shift, report.turn) = (shift, turn);
         Ok((next, report))
     }
@@ -266,18 +303,17 @@ impl<const N: usize> Control<N> {
             None => {
                 self.references = Some(Delay::at_rest(answer.joints));
                 // A base that had moved before the path goes on does not move now.
-                self.shift = difference(&answer.joints, &joints);
+                self.smooth = difference(&answer.joints, &joints);
             }
         }
         Ok(difference(&answer.joints, &joints))
     }
 
-    /// What base and PID want to add; the PID's part is kept.
+    /// What the PID is to add: nothing where there is no estimate.
     fn feed_back(
         &mut self,
         arm: &Arm<N>,
         reference: &Reference<N>,
-        shift: &JointPos<N>,
         seen: &Seen<'_, N>,
         report: &mut Report,
     ) -> Result<JointPos<N>, ControlError> {
@@ -287,27 +323,24 @@ impl<const N: usize> Control<N> {
             self.process = process;
         }
         let (Some(base_from_flange), Some(references)) = (seen.base_from_flange, &self.references) else {
-            (self.closed, self.feedback) = (false, JointPos::ZERO);
-            return Ok(*shift);
+            self.closed = false;
+            return Ok(JointPos::ZERO);
         };
         let then = references.before(self.settings.dead_time / reference.period);
         let answer = self.nearest(arm, &base_from_flange, &then)?;
         if answer.branch != self.branch {
             report.other_branch = answer.branch;
-            (self.closed, self.feedback) = (false, JointPos::ZERO);
-            return Ok(*shift);
+            self.closed = false;
+            return Ok(JointPos::ZERO);
         }
         let error = difference(&then, &answer.joints);
         if !self.closed {
             // From what is added now, which may be on its way out.
-            self.feedback = difference(&self.added, shift);
             self.pid.start(&error, &self.feedback).map_err(ControlError::Pid)?;
             self.closed = true;
         }
-        let integrate = self.behind <= BEHIND_MAX;
-        self.feedback = self.pid.step(&error, seen.dt, integrate).map_err(ControlError::Pid)?;
         report.closed = true;
-        Ok(sum(shift, &self.feedback))
+        self.pid.step(&error, seen.dt, !self.waits).map_err(ControlError::Pid)
     }
 
     /// Adds what is wanted as far and as fast as the tool may be moved.
@@ -324,38 +357,40 @@ impl<const N: usize> Control<N> {
         let corrected = arm.forward(&sum(&reference.joints, wanted)) * tool;
         let turned =
             Pose { rotation: corrected.rotation * planned.rotation.transpose(), translation: Vector3::zeros() };
-        let moved = [corrected.translation - planned.translation, turned.rotation_vector()];
-        let [shift, turn] = moved.map(|part| part.norm());
+        let aims = [corrected.translation - planned.translation, turned.rotation_vector()];
+        let [shift, turn] = aims.map(|part| part.norm());
         for (bound, value, limit) in [(Bound::Shift, shift, bounds.shift_max), (Bound::Turn, turn, bounds.turn_max)] {
-            // Written so that what is no number fails.
-            if !matches!(value.partial_cmp(&limit), Some(core::cmp::Ordering::Less | core::cmp::Ordering::Equal)) {
+            if exceeds(value, limit) {
                 return Err(ControlError::Saturated { bound, value, limit });
             }
         }
-        let [shift_before, turn_before] = self.moved;
-        let [shift_now, turn_now] = moved;
-        let steps = [shift_now - shift_before, turn_now - turn_before];
-        let mut share = 1.0_f64;
-        for (step, speed) in steps.iter().zip([bounds.shift_speed_max, bounds.turn_speed_max]) {
-            let (step, most) = (step.norm(), speed * reference.period);
-            if step > most {
-                share = share.min(most / step);
+        let aims = aims.map(|part| JointPos([part.x, part.y, part.z]));
+        let mut behind = [0.0; 2];
+        for (k, limits) in [bounds.shift(), bounds.turn()].iter().enumerate() {
+            let (Some(moved), Some(aim), Some(before)) = (self.moved.get_mut(k), aims.get(k), self.aims.get(k)) else {
+                continue;
+            };
+            let (next, held) = moved.towards(aim, before, limits, reference.period);
+            moved.lead_to(&next, reference.period);
+            if let Some(behind) = behind.get_mut(k) {
+                *behind = held;
             }
         }
-        report.share = share;
-        if share < 1.0 {
-            self.held += reference.period;
-            if self.held > bounds.patience {
-                let (value, limit) = (self.held, bounds.patience);
-                return Err(ControlError::Saturated { bound: Bound::Speed, value, limit });
-            }
-            for (added, wanted) in self.added.0.iter_mut().zip(&wanted.0) {
-                *added += share * (wanted - *added);
-            }
-            self.moved = [shift_before + steps[0] * share, turn_before + steps[1] * share];
-        } else {
-            self.held = 0.0;
-            (self.added, self.moved) = (*wanted, moved);
+        (self.aims, report.held) = (aims, behind);
+        let [far, round] = behind;
+        self.added = *wanted;
+        if far > EXACT || round > EXACT {
+            let [shift, turn] = self.moved.map(|part| Vector3::from(part.offsets().0));
+            let turned = Pose::from_rotation_vector(Vector3::zeros(), turn);
+            let pose = Pose { rotation: turned.rotation * planned.rotation, translation: planned.translation + shift };
+            let seed = sum(&reference.joints, wanted);
+            let answer = self.nearest(arm, &(pose * tool.inverse()), &seed)?;
+            self.added = difference(&answer.joints, &reference.joints);
+        }
+        self.held = if far > HELD_MAX || round > HELD_MAX { self.held + reference.period } else { 0.0 };
+        if self.held > bounds.patience {
+            let (value, limit) = (self.held, bounds.patience);
+            return Err(ControlError::Saturated { bound: Bound::Speed, value, limit });
         }
         Ok(())
     }
@@ -363,6 +398,10 @@ impl<const N: usize> Control<N> {
     fn nearest(&self, arm: &Arm<N>, pose: &Pose, seed: &JointPos<N>) -> Result<Answer<N>, ControlError> {
         self.family.nearest(arm, pose, seed).map_err(ControlError::Unreachable)
     }
+}
+
+fn norm(parts: &JointPos<3>) -> f64 {
+    Vector3::from(parts.0).norm()
 }
 
 fn sum<const N: usize>(a: &JointPos<N>, b: &JointPos<N>) -> JointPos<N> {

@@ -150,6 +150,14 @@ impl<const N: usize> Correction<N> {
         (next, behind)
     }
 
+    /// What [`Self::towards`] gave is the correction now.
+    pub(crate) fn lead_to(&mut self, next: &JointPos<N>, period: f64) {
+        for (joint, &value) in self.joints.iter_mut().zip(&next.0) {
+            let velocity = (value - joint.ramp.value) / period;
+            *joint = Offset { ramp: Ramp { value, slope: velocity }, velocity };
+        }
+    }
+
     /// One period on the way to none.
     pub fn ramp_out(&mut self, limits: &CorrectionLimits, period: f64) {
         let limits = RampLimits { slope_max: limits.velocity_max, curvature_max: limits.acceleration_max };

@@ -19,7 +19,7 @@ impl<const N: usize, const LEN: usize> Delay<N, LEN> {
 
     /// Takes the next sample.
     pub fn push(&mut self, joints: &JointPos<N>) {
-        self.newest = (self.newest + 1) % LEN;
+        self.newest = self.newest.wrapping_add(1) % LEN;
         if let Some(slot) = self.samples.get_mut(self.newest) {
             *slot = *joints;
         }
@@ -32,9 +32,10 @@ impl<const N: usize, const LEN: usize> Delay<N, LEN> {
         // Not negative and below LEN: exact.
         let whole = ticks as usize;
         let part = ticks - whole as f64;
-        let at = |back: usize| self.samples.get((self.newest + LEN - back.min(LEN - 1)) % LEN);
+        let at = |back: usize| self.samples.get(self.newest.wrapping_add(LEN).wrapping_sub(back) % LEN);
         let mut joints = at(whole).copied().unwrap_or(JointPos::ZERO);
-        if let Some(older) = at(whole + 1) {
+        // Behind the oldest comes the newest, with no part in the sum.
+        if let Some(older) = at(whole.wrapping_add(1)) {
             for (joint, older) in joints.0.iter_mut().zip(&older.0) {
                 *joint += part * (older - *joint);
             }

@@ -14,6 +14,7 @@ pub mod delay;
 pub mod dexterity;
 pub mod drive;
 pub mod ekf;
+pub mod estimator;
 pub mod fault;
 pub mod frame;
 pub mod guard;

@@ -5,7 +5,9 @@ mod common;
 
 use common::Random;
 use screed_kernel::dexterity::SWEEPS_MAX;
+use screed_kernel::drive::DEAD_TICKS_MAX;
 use screed_kernel::ekf::replay::{STEP_MEASUREMENTS_MAX, WAITING_MAX};
+use screed_kernel::estimator::POSES_MAX;
 use screed_kernel::frame::{self, BatchPart, CODE_MAX, FRAME_MAX, JOINTS_MAX, ToKernel, WIRE_MAX};
 use screed_kernel::guard::PLANES_MAX;
 use screed_kernel::ring::{EXTENTS_MAX, Ring, RingError};
@@ -161,6 +163,8 @@ fn the_constants_have_the_listed_values() {
         ("TRANSMIT_MAX", TRANSMIT_MAX),
         ("WAITING_MAX", WAITING_MAX),
         ("STEP_MEASUREMENTS_MAX", STEP_MEASUREMENTS_MAX),
+        ("DEAD_TICKS_MAX", DEAD_TICKS_MAX),
+        ("POSES_MAX", POSES_MAX),
     ] {
         assert!(docs.contains(&format!("`{name}` = {value}")), "{name} is {value}");
     }

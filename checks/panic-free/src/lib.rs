@@ -11,15 +11,20 @@ use screed_kernel::arm::{Arm, Jacobian};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::base::history::{History, HistoryError};
 use screed_kernel::base::{self, Base, BaseConfig, BaseError, Excess, Measurement, Output};
+use screed_kernel::closed_loop::{ClosedLoop, LoopError, LoopReport};
+use screed_kernel::control::Settings;
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::dexterity::Dexterity;
+use screed_kernel::drive::{Drive, Learning};
 use screed_kernel::ekf::pose::TrackedPose;
 use screed_kernel::ekf::replay::{OfferError, Replay, Report, Stamped};
 use screed_kernel::ekf::{Ekf, EkfError, State, Verdict};
+use screed_kernel::estimator::{Estimator, EstimatorConfig, EstimatorError, Robot, TrackerPose};
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
 use screed_kernel::guard::{Motion, Periods, output_least};
 use screed_kernel::ik::{self, Answer, Branches, Family, IkError};
+use screed_kernel::pid::Gains;
 use screed_kernel::pose::Pose;
 use screed_kernel::registration::{PointPair, Registration, RegistrationError, register};
 use screed_kernel::setpoint::{self, CodeError, Coder, Setpoint};
@@ -186,6 +191,47 @@ macro_rules! kernel_roots {
                     Err(error) => return (Err(error), Err(BaseError::Late { by: 0 })),
                 };
                 (pushed, base.measure(arm, &Measurement { joints, ..*measurement }))
+            }
+
+            /// [`ClosedLoop::new`], with everything that it is made of.
+            #[unsafe(export_name = concat!("root_loop_new_", $joints))]
+            pub fn loop_new(
+                made: &mut MaybeUninit<Result<ClosedLoop<$joints, 8>, (Option<EstimatorError>, Option<LoopError>)>>,
+                arm: &Arm<$joints>,
+                estimator: Option<&EstimatorConfig<$joints>>,
+                settings: &Settings<$joints>,
+                drives: &[Drive; $joints],
+                learning: &Learning,
+                period: f64,
+            ) {
+                let estimator = match estimator.map(Estimator::new).transpose() {
+                    Ok(estimator) => estimator,
+                    Err(error) => {
+                        made.write(Err((Some(error), None)));
+                        return;
+                    }
+                };
+                let new = ClosedLoop::new(arm, estimator, settings, drives, learning, period);
+                made.write(new.map_err(|error| (None, Some(error))));
+            }
+
+            /// [`ClosedLoop::tick`]: the whole cycle, from a telegram and poses to a command.
+            #[unsafe(export_name = concat!("root_loop_tick_", $joints))]
+            pub fn loop_tick(
+                closed: &mut ClosedLoop<$joints, 8>,
+                kernel: &mut Kernel<$joints, 4096>,
+                now: Nanos,
+                robot: &Robot<$joints>,
+                poses: &[TrackerPose],
+            ) -> (Command<$joints>, LoopReport<$joints>, [Drive; $joints]) {
+                let (command, report) = closed.tick(kernel, now, robot, poses);
+                (command, report, *closed.identification().learnt())
+            }
+
+            /// [`Gains::for_drive`]
+            #[unsafe(export_name = concat!("root_gains_", $joints))]
+            pub fn gains(drive: &Drive, crossover: f64, filter_time: f64) -> Gains {
+                Gains::for_drive(drive, crossover, filter_time)
             }
 
             /// [`Ekf::rates`] and [`Ekf::encoders`]

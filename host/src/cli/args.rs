@@ -53,6 +53,19 @@ pub enum BenchCommand {
     Fig6(Fig6Args),
     /// Print the demo's wall on a servo that is not what the cell file says, with its lag compensated and without
     Servoj(JsonArgs),
+    /// Lead seeded plants on drifting bases along a circle, corrected and not, and find the margins of their loops
+    Base(BaseArgs),
+}
+
+/// `screed bench base`
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct BaseArgs {
+    /// How many plants, half of them like an NJ130 and half like a UR10e
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(2..=10_000))]
+    pub plants: u64,
+    /// Every plant as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// The figures of a bench

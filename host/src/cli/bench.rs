@@ -2,6 +2,7 @@
 
 use super::args::{BenchCommand, Fig6Args};
 use super::say;
+use crate::bench::base;
 use crate::bench::fig6::{self, Case, Fig6Error, JERK_TIMES, Score, SetUp, plot, report};
 use crate::bench::servoj::{self, ServojError};
 use crate::failure::{Exit, Failure};
@@ -11,6 +12,10 @@ pub fn run(command: &BenchCommand) -> Result<(), Failure> {
     match command {
         BenchCommand::Fig6(args) => fig6(args),
         BenchCommand::Servoj(args) => servoj(args.json),
+        BenchCommand::Base(args) => {
+            let scores = base::run(args.plants)?;
+            say(&if args.json { format!("{}\n", base::report::json(&scores)) } else { base::report::table(&scores) })
+        }
     }
 }
 

@@ -50,7 +50,7 @@ impl Cell {
     ///
     /// # Errors
     /// [`LoopError`]
-    pub fn closed_loop(&self) -> Result<Option<ClosedLoop<6>>, LoopError> {
+    pub fn closed_loop(&self) -> Result<Option<ClosedLoop<6, 2>>, LoopError> {
         let Some(lead) = self.lead else { return Ok(None) };
         let period = 1.0 / f64::from(self.link.rate_hz);
         let drive = Drive { lag: self.link.servoj_lookahead, inverse_gain: 1.0 / self.link.servoj_gain };
@@ -65,7 +65,15 @@ impl Cell {
             adoption: 0.5,
         };
         // Without a tracker there is nothing to feed back: bounds that are never reached.
-        let bounds = Bounds { shift_max: 1.0, turn_max: 1.0, shift_speed_max: 1.0, turn_speed_max: 1.0, patience: 1.0 };
+        let bounds = Bounds {
+            shift_max: 1.0,
+            turn_max: 1.0,
+            shift_speed_max: 1.0,
+            shift_acceleration_max: 1.0,
+            turn_speed_max: 1.0,
+            turn_acceleration_max: 1.0,
+            patience: 1.0,
+        };
         let same = |value| ByProcess { deposit: value, travel: value, mill: value };
         let settings = Settings {
             gains: ByProcess { deposit: [Gains::NONE; 6], travel: [Gains::NONE; 6], mill: [Gains::NONE; 6] },
@@ -74,6 +82,6 @@ impl Cell {
             flange_from_tcp: self.tool.flange_from_tcp,
             dead_time: lead.dead_time,
         };
-        ClosedLoop::new(&self.robot.arm, &settings, &[drive; 6], &learning, period).map(Some)
+        ClosedLoop::new(&self.robot.arm, None, &settings, &[drive; 6], &learning, period).map(Some)
     }
 }

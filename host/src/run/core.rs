@@ -4,8 +4,9 @@
 use crate::config::Cell;
 use crate::link::extruder::{ExtruderError, ExtruderLine};
 use crate::link::rtde::{Event, LinkError, RobotState, RtdeClient, TextLevel};
-use screed_kernel::closed_loop::{ClosedLoop, LoopError, Tracked};
+use screed_kernel::closed_loop::{ClosedLoop, LoopError};
 use screed_kernel::control::Report;
+use screed_kernel::estimator::Robot;
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, CycleRecord, FromKernel, NOTE_MAX};
 use screed_kernel::tick::{Command, Kernel, Sensors, TRANSMIT_MAX};
@@ -45,7 +46,7 @@ pub enum CoreError {
 pub struct Core {
     kernel: Box<Kernel<6, RING>>,
     /// Where the cell wants the servo's lag compensated.
-    lead: Option<Box<ClosedLoop<6>>>,
+    lead: Option<Box<ClosedLoop<6, 2>>>,
     /// What was commanded last, and what the loop says of it.
     command: Option<(Command<6>, Report)>,
     robot: RtdeClient,
@@ -203,7 +204,7 @@ impl Core {
     }
 
     /// The loop, where the cell wants one.
-    pub fn lead(&self) -> Option<&ClosedLoop<6>> {
+    pub fn lead(&self) -> Option<&ClosedLoop<6, 2>> {
         self.lead.as_deref()
     }
 
@@ -248,10 +249,13 @@ impl Core {
             && state.safety_status_bits & SAFETY_MOVING != 0
             && self.extruder.status().ready;
         self.watch_readiness(now, state, ready);
-        let sensors = Sensors::robot(state.actual_q, ready);
         let (command, report) = match &mut self.lead {
-            Some(lead) => lead.tick(&mut self.kernel, now, &sensors, &Tracked::none()),
-            None => (self.kernel.tick(now, &sensors), Report::default()),
+            Some(lead) => {
+                let robot = Robot { actual: state.actual_q, rates: None, ready };
+                let (command, report) = lead.tick(&mut self.kernel, now, &robot, &[]);
+                (command, report.control)
+            }
+            None => (self.kernel.tick(now, &Sensors::robot(state.actual_q, ready)), Report::default()),
         };
         self.command = Some((command, report));
         if let Some(joints) = command.joints {
