@@ -39,6 +39,10 @@ pub struct Seen {
     pub late: u64,
     /// Of the base: poses taken, gated, acquiring, acquired, refused; ticks in excess, without trust.
     pub base: [u64; 7],
+    /// Poses solved: UR type, spherical wrist, with a parallelogram, calibrated UR, calibrated wrist, by iteration, gantry.
+    pub solved: [u64; 7],
+    /// Frames from points: found, refused.
+    pub registered: [u64; 2],
     /// Answers whose bytes did not arrive whole, which only a changed host explains.
     pub answers_broken: u64,
     /// What could not be put into a frame: has to stay zero.
@@ -111,6 +115,16 @@ impl Seen {
         self.corrected += u64::from(command.correction != JointPos::ZERO);
     }
 
+    /// Counts a pose by the kind of arm that solved it.
+    pub fn solved(&mut self, arm: usize) {
+        count(&mut self.solved, arm);
+    }
+
+    /// Counts a frame, found or refused.
+    pub fn registered(&mut self, found: bool) {
+        count(&mut self.registered, usize::from(!found));
+    }
+
     /// Whether everything was met.
     pub fn is_complete(&self) -> bool {
         let [_, misfits @ ..] = &self.misfits;
@@ -123,6 +137,8 @@ impl Seen {
             misfits,
             &self.frames,
             &self.base,
+            &self.solved,
+            &self.registered,
         ];
         let singles = [self.bytes, self.corrected, self.accepted, self.statuses, self.faults_told, self.late];
         lists.iter().all(|list| list.iter().all(|&n| n > 0)) && singles.iter().all(|&n| n > 0) && self.unsaid == 0
@@ -149,6 +165,12 @@ impl fmt::Display for Seen {
         writeln!(f, "                   correction tool workspace)")?;
         writeln!(f, "  does not fit     {:?} (- position speed acceleration jerk workspace)", self.misfits)?;
         writeln!(f, "base               {:?} (taken gated acquiring acquired refused, excess untrusted)", self.base)?;
+        writeln!(
+            f,
+            "poses solved       {:?} (UR wrist parallelogram, calibrated UR wrist, iterated gantry)",
+            self.solved
+        )?;
+        writeln!(f, "frames registered  {:?} (found refused)", self.registered)?;
         let Self { accepted, statuses, faults_told, .. } = self;
         writeln!(f, "batches accepted   {accepted}, statuses {statuses}, faults told {faults_told}")?;
         write!(f, "answers broken     {}, unsaid {}", self.answers_broken, self.unsaid)

@@ -8,6 +8,7 @@
 use core::mem::MaybeUninit;
 use nalgebra::{Matrix6, Vector3};
 use screed_kernel::arm::{Arm, Jacobian};
+use screed_kernel::arms::opw::Opw;
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::base::history::{History, HistoryError};
 use screed_kernel::base::{self, Base, BaseConfig, BaseError, Excess, Measurement, Output};
@@ -23,7 +24,7 @@ use screed_kernel::estimator::{Estimator, EstimatorConfig, EstimatorError, Robot
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, FrameError, FromKernel, MotionLimits, Status, ToKernel};
 use screed_kernel::guard::{Motion, Periods, output_least};
-use screed_kernel::ik::{self, Answer, Branches, Family, IkError};
+use screed_kernel::ik::{self, Answer, Branch, Branches, Family, IkError, Side, Singularity};
 use screed_kernel::pid::Gains;
 use screed_kernel::pose::Pose;
 use screed_kernel::registration::{PointPair, Registration, RegistrationError, register};
@@ -97,38 +98,6 @@ macro_rules! kernel_roots {
             ) -> (MotionLimits, Motion<$joints>) {
                 let least = output_least(plan, periods, correction);
                 (MotionLimits::from(&least), least)
-            }
-
-            /// [`Arm::points`]
-            #[unsafe(export_name = concat!("root_points_", $joints))]
-            pub fn points(
-                arm: &Arm<$joints>,
-                joints: &JointPos<$joints>,
-                points: [Vector3<f64>; 2],
-            ) -> [Vector3<f64>; 2] {
-                arm.points(joints, points)
-            }
-
-            /// [`Arm::forward`]
-            #[unsafe(export_name = concat!("root_forward_", $joints))]
-            pub fn forward(arm: &Arm<$joints>, joints: &JointPos<$joints>) -> Pose {
-                arm.forward(joints)
-            }
-
-            /// [`Dexterity::of`]
-            #[unsafe(export_name = concat!("root_dexterity_", $joints))]
-            pub fn dexterity(jacobian: &Jacobian<$joints>) -> (Dexterity, f64) {
-                let dexterity = Dexterity::of(jacobian);
-                (dexterity, dexterity.condition())
-            }
-
-            /// [`Arm::frames`] and [`Arm::jacobian`]
-            #[unsafe(export_name = concat!("root_jacobian_", $joints))]
-            pub fn jacobian(
-                arm: &Arm<$joints>,
-                joints: &JointPos<$joints>,
-            ) -> ([Pose; $joints], (Pose, Jacobian<$joints>)) {
-                (arm.frames(joints), arm.jacobian(joints))
             }
 
             /// [`Ekf::new`], [`Ekf::predict`], [`State::after`]
@@ -330,6 +299,12 @@ pub fn root_grids(value: f64) -> (f64, f64) {
     (setpoint::joint_on_grid(value), setpoint::flow_on_grid(value))
 }
 
+/// [`Opw::arm`], and ratings of the catalogue's arms.
+#[unsafe(no_mangle)]
+pub fn root_opw(opw: &Opw, arm: &Arm<6>) -> (Arm<6>, Option<JointVel<6>>, &'static str) {
+    (opw.arm("opw"), arm.velocity_max.known(), Singularity::Shoulder.name())
+}
+
 /// The words of a fault.
 #[unsafe(no_mangle)]
 pub fn root_fault(fault: &Fault) -> (&'static str, &'static str, &'static str) {
@@ -368,23 +343,62 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     unsafe { a_panic_is_left_in_the_kernel() }
 }
 
-/// Inverse kinematics of every family, for an arm with so many joints.
-macro_rules! inverse_roots {
+/// Kinematics of an arm with so many joints, the inverse of every family.
+macro_rules! arm_roots {
     ($joints:literal, $module:ident) => {
         /// The roots for this count of joints.
         pub mod $module {
             use super::*;
 
-            /// [`Family::of`], [`Family::inverse`]: every family. The arm's full turns: [`ik::turns`].
+            /// [`Arm::points`]
+            #[unsafe(export_name = concat!("root_points_", $joints))]
+            pub fn points(
+                arm: &Arm<$joints>,
+                joints: &JointPos<$joints>,
+                points: [Vector3<f64>; 2],
+            ) -> [Vector3<f64>; 2] {
+                arm.points(joints, points)
+            }
+
+            /// [`Arm::forward`]
+            #[unsafe(export_name = concat!("root_forward_", $joints))]
+            pub fn forward(arm: &Arm<$joints>, joints: &JointPos<$joints>) -> Pose {
+                arm.forward(joints)
+            }
+
+            /// [`Dexterity::of`]
+            #[unsafe(export_name = concat!("root_dexterity_", $joints))]
+            pub fn dexterity(jacobian: &Jacobian<$joints>) -> (Dexterity, f64) {
+                let dexterity = Dexterity::of(jacobian);
+                (dexterity, dexterity.condition())
+            }
+
+            /// [`Arm::frames`] and [`Arm::jacobian`]
+            #[unsafe(export_name = concat!("root_jacobian_", $joints))]
+            pub fn jacobian(
+                arm: &Arm<$joints>,
+                joints: &JointPos<$joints>,
+            ) -> ([Pose; $joints], (Pose, Jacobian<$joints>)) {
+                (arm.frames(joints), arm.jacobian(joints))
+            }
+
+            /// [`Family::of`]; the arm's full turns: [`ik::turns`].
+            #[unsafe(export_name = concat!("root_family_", $joints))]
+            pub fn family(arm: &Arm<$joints>, joints: &JointPos<$joints>) -> (Family, Option<JointPos<$joints>>) {
+                (Family::of(arm), ik::turns(arm, joints).last())
+            }
+
+            /// [`Family::inverse`]: every family, also one of another arm. [`Branches::nearest`]
             #[unsafe(export_name = concat!("root_family_inverse_", $joints))]
             pub fn family_inverse(
+                family: &Family,
                 arm: &Arm<$joints>,
                 pose: &Pose,
                 seed: &JointPos<$joints>,
-            ) -> (Result<Branches<$joints>, IkError>, Option<JointPos<$joints>>, Option<Answer<$joints>>) {
-                let found = Family::of(arm).inverse(arm, pose, seed);
+            ) -> (Result<Branches<$joints>, IkError>, Option<Answer<$joints>>) {
+                let found = family.inverse(arm, pose, seed);
                 let nearest = found.as_ref().ok().and_then(|found| found.nearest(seed)).copied();
-                (found, ik::turns(arm, seed).last(), nearest)
+                (found, nearest)
             }
 
             /// [`Branches::residual`]
@@ -411,8 +425,21 @@ macro_rules! inverse_roots {
                 arm: &Arm<$joints>,
                 pose: &Pose,
                 seed: &JointPos<$joints>,
-            ) -> (Result<Branches<$joints>, IkError>, Result<Answer<$joints>, IkError>) {
-                (calibrated.inverse(arm, pose, seed), ik::numeric::nearest(arm, pose, seed))
+            ) -> (Result<Branches<$joints>, IkError>, [Result<Answer<$joints>, IkError>; 2]) {
+                let nearest = [calibrated.nearest(arm, pose, seed), ik::numeric::nearest(arm, pose, seed)];
+                (calibrated.inverse(arm, pose, seed), nearest)
+            }
+
+            /// [`ik::calibrated::Geometry::near`] and what it tells of joints.
+            #[unsafe(export_name = concat!("root_posture_", $joints))]
+            pub fn posture(
+                arm: &Arm<$joints>,
+                joints: &JointPos<$joints>,
+            ) -> Option<(Branch, (Singularity, f64), &'static str, f64)> {
+                let calibrated = ik::calibrated::Geometry::near(arm)?;
+                let (branch, margins) = calibrated.posture(arm, joints);
+                let (singularity, margin) = margins.nearest();
+                Some((branch, (singularity, margin), calibrated.name(), Side::of(margin).sign()))
             }
 
             /// [`ik::wrist::inverse`]
@@ -435,19 +462,23 @@ macro_rules! inverse_roots {
                 ik::wrist::nearest(arm, pose, seed)
             }
 
-            /// [`ik::gantry::inverse`], which asks [`ik::gantry::nearest`]
+            /// [`ik::gantry::inverse`], [`ik::gantry::nearest`]
             #[unsafe(export_name = concat!("root_gantry_inverse_", $joints))]
             pub fn gantry_inverse(
                 arm: &Arm<$joints>,
                 pose: &Pose,
                 seed: &JointPos<$joints>,
-            ) -> Result<Branches<$joints>, IkError> {
-                ik::gantry::inverse(arm, pose, seed)
+            ) -> (Result<Branches<$joints>, IkError>, Result<Answer<$joints>, IkError>) {
+                (ik::gantry::inverse(arm, pose, seed), ik::gantry::nearest(arm, pose, seed))
             }
         }
     };
 }
 
-inverse_roots!(4, inverse_of_four);
-inverse_roots!(6, inverse_of_six);
-inverse_roots!(9, inverse_of_nine);
+arm_roots!(3, arm_of_three);
+arm_roots!(4, arm_of_four);
+arm_roots!(5, arm_of_five);
+arm_roots!(6, arm_of_six);
+arm_roots!(7, arm_of_seven);
+arm_roots!(8, arm_of_eight);
+arm_roots!(9, arm_of_nine);
