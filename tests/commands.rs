@@ -105,6 +105,9 @@ fn a_robot_is_proved_and_drawn_and_an_ambiguous_one_is_asked_for() {
             && error.contains("remedy: name the flange with --tip"),
         "{error}"
     );
+    let (code, _, error) = outcome(&["robot", "show", "kr120-r2500-pro", "--calibration", "unit.conf"]);
+    assert_eq!(code, Some(2));
+    assert!(error.contains("--calibration goes with a UR of the catalogue: found kr120-r2500-pro"), "{error}");
     let (code, out, _) = outcome(&["robot", "show", &urdf, "--tip", "flange"]);
     assert!(code == Some(0) && out.contains("joint grip_left (prismatic) is not on the chain"), "{out}");
 }

@@ -79,7 +79,11 @@ fn description(of: &RobotOf) -> Result<Description, Failure> {
         return Err(usage("--base or --tip", "a URDF"));
     }
     if let Some(path) = &of.calibration {
-        let nominal = robot::ur(&of.robot)?;
+        let is_other = is_urdf || ending.as_deref() == Some("toml") || robot::named(&of.robot).is_ok();
+        let nominal = robot::ur(&of.robot).map_err(|unknown| match is_other {
+            true => usage("--calibration", "a UR of the catalogue"),
+            false => unknown.into(),
+        })?;
         let unit = calibration::load(path, &nominal)?;
         let origin = format!("the calibration {} of a {}", path.display(), nominal.name);
         let mut description = Description::of(&unit.arm, &origin);

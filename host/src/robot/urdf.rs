@@ -167,6 +167,11 @@ fn parse(text: &str, file: &str, ends: &Ends) -> Result<Description, Located> {
             Some(_) => {}
             None if joint.mimic.is_some() && tree.is_on(joint, &base, &tip) => {
                 notes.push(format!("joint {name} mimics another one and is told as a coupling"));
+                if let Some(driver) = tree.leads_beyond(joint) {
+                    notes.push(format!(
+                        "joint {driver} leads joint {name} beyond limits of its own, which are not read"
+                    ));
+                }
             }
             None => {
                 notes.push(format!("joint {name} ({}) is not on the chain from {base} to {tip}: left out", joint.kind))

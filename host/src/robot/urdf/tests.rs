@@ -177,6 +177,31 @@ fn what_cannot_be_told_is_an_error_with_its_place() {
         ),
         (with(2, "revolute", "<limit lower=\"-1\" upper=\"1\" velocity=\"-1\"/>"), "a velocity that is not negative"),
         (with(2, "revolute", "<axis xyz=\"0 0 0\"/>"), "joint j3: axis: expected a direction"),
+        (robot(&good).replace(" name=\"r\"", ""), "robot: expected an attribute name"),
+        (
+            with(2, "revolute", "<limit lower=\"-1e300\" upper=\"1e300\"/>"),
+            "joint j3: limit: lower: expected a number from -628.3 to 628.3, found \"-1e300\"",
+        ),
+        (
+            with(2, "prismatic", "<limit lower=\"0\" upper=\"1e16\"/>"),
+            "joint j3: limit: upper: expected a number from -1000.0 to 1000.0, found \"1e16\"",
+        ),
+        (
+            with(2, "revolute", "<limit lower=\"-1\" upper=\"1\" velocity=\"1e300\"/>"),
+            "joint j3: limit: velocity: expected a number from -174.5 to 174.5, found \"1e300\"",
+        ),
+        (
+            with(2, "revolute", "<origin xyz=\"0 0 1e300\"/>"),
+            "joint j3: xyz: expected three numbers from -1000.0 to 1000.0, found \"0 0 1e300\"",
+        ),
+        (
+            with(2, "revolute", "<axis xyz=\"0 0 1e300\"/>"),
+            "joint j3: axis: xyz: expected three numbers from -1000.0 to 1000.0, found \"0 0 1e300\"",
+        ),
+        (
+            with(2, "revolute", "<mimic joint=\"j2\" multiplier=\"1e300\"/>"),
+            "joint j3: mimic: multiplier: expected a number from -1000.0 to 1000.0, found \"1e300\"",
+        ),
         (with(2, "revolute", "<origin xyz=\"1 2\"/>"), "joint j3: xyz: expected three finite numbers, found \"1 2\""),
         (robot(&good[..2]), "the chain from l0 to l2 has 2 joints: expected 3 to 9"),
         (branch, "the chain's tip link can be tool or probe: expected one"),
@@ -243,6 +268,22 @@ fn what_is_not_read_is_said() {
         assert!(notes.iter().any(|found| found.starts_with(note)), "{note}: {notes:?}");
     }
     assert!(!notes.iter().any(|note| note.contains("gazebo")), "{notes:?}");
+}
+
+#[test]
+fn limits_of_a_mimic_joint_that_its_driver_does_not_keep_are_said() {
+    let with = |multiplier: f64, limit: &str| {
+        let level = format!("<mimic joint=\"j2\" multiplier=\"{multiplier}\"/>{limit}");
+        robot(&[("revolute", LIMIT), ("revolute", LIMIT), ("revolute", LIMIT), ("revolute", &level)])
+    };
+    let narrow = "<limit lower=\"-0.5\" upper=\"1\" velocity=\"2\"/>";
+    let slow = "<limit lower=\"-1\" upper=\"1\" velocity=\"1\"/>";
+    for (text, is_said) in [(with(-1.0, LIMIT), false), (with(1.0, narrow), true), (with(1.0, slow), true)] {
+        let notes = parse(&text, "test.urdf", &Ends::default()).expect("a chain").notes;
+        let said =
+            notes.iter().any(|note| note == "joint j2 leads joint j4 beyond limits of its own, which are not read");
+        assert_eq!(said, is_said, "{notes:?}");
+    }
 }
 
 /// Whatever bytes stand in the file, the answer is a description or a fault.

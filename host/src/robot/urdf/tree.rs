@@ -5,6 +5,7 @@ use nalgebra::{Unit, Vector3};
 use roxmltree::{Document, Node};
 use screed_kernel::pose::Pose;
 use std::collections::BTreeSet;
+use std::f64::consts::PI;
 use std::ops::Range;
 
 /// What is read of a file.
@@ -32,6 +33,14 @@ const READ: [(&str, &[&str]); 7] = [
     ("mimic", &["joint", "multiplier", "offset"]),
     ("safety_controller", &["soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"]),
 ];
+
+/// The largest numbers of a file, as of an arm file: lengths (m), positions (rad), speeds (rad/s, m/s); and of what has no unit.
+/// What is larger stands for something else, such as "without limit".
+const LENGTH_MAX: f64 = 1_000.0;
+const TURN_MAX: f64 = 200.0 * PI;
+const TURN_SPEED_MAX: f64 = 10_000.0 / 180.0 * PI;
+const SLIDE_SPEED_MAX: f64 = 100.0;
+const SHARE_MAX: f64 = 1_000.0;
 
 /// A joint as the file has it.
 #[derive(Debug)]
@@ -105,8 +114,8 @@ pub(super) fn read(text: &str) -> Result<Tree, Located> {
     let elements = |name| robot.children().filter(move |node| node.has_tag_name(name));
     let links = elements("link").map(|node| text_of(&node, "link", "name")).collect::<Result<Vec<_>, _>>()?;
     let joints = elements("joint").map(|node| joint(&node)).collect::<Result<Vec<_>, _>>()?;
-    let tree =
-        Tree { name: robot.attribute("name").unwrap_or("robot").to_owned(), span: head(&robot), links, joints, notes };
+    let name = text_of(&robot, "robot", "name")?;
+    let tree = Tree { name, span: head(&robot), links, joints, notes };
     tree.check()?;
     Ok(tree)
 }
@@ -177,26 +186,29 @@ fn joint(node: &Node<'_, '_>) -> Result<UrdfJoint, Located> {
     let (parent, child_link) = (link("parent")?, link("child")?);
     let origin = match child("origin") {
         Some(node) => {
-            let [x, y, z] = three(&node, &entity, "xyz", [0.0; 3])?;
-            let [roll, pitch, yaw] = three(&node, &entity, "rpy", [0.0; 3])?;
+            let [x, y, z] = three(&node, &entity, "xyz", [0.0; 3], LENGTH_MAX)?;
+            let [roll, pitch, yaw] = three(&node, &entity, "rpy", [0.0; 3], TURN_MAX)?;
             Pose::from_roll_pitch_yaw(Vector3::new(x, y, z), roll, pitch, yaw)
         }
         None => Pose::identity(),
     };
     let axis = match child("axis") {
         Some(axis) => {
-            let direction = Vector3::from(three(&axis, &entity, "xyz", [1.0, 0.0, 0.0])?);
-            Unit::try_new(direction, 1e-6)
-                .ok_or_else(|| form(&axis, format!("{entity}: axis"), "a direction", "0 0 0"))?
+            let entity = format!("{entity}: axis");
+            let direction = Vector3::from(three(&axis, &entity, "xyz", [1.0, 0.0, 0.0], SHARE_MAX)?);
+            Unit::try_new(direction, 1e-6).ok_or_else(|| form(&axis, entity, "a direction", "0 0 0"))?
         }
         None => Vector3::x_axis(),
     };
     let mimic = match child("mimic") {
-        Some(node) => Some(Mimic {
-            joint: text_of(&node, &format!("{entity}: mimic"), "joint")?,
-            multiplier: one(&node, &entity, "multiplier")?.unwrap_or(1.0),
-            offset: one(&node, &entity, "offset")?.unwrap_or(0.0),
-        }),
+        Some(node) => {
+            let entity = format!("{entity}: mimic");
+            Some(Mimic {
+                joint: text_of(&node, &entity, "joint")?,
+                multiplier: one(&node, &entity, "multiplier", SHARE_MAX)?.unwrap_or(1.0),
+                offset: one(&node, &entity, "offset", SHARE_MAX)?.unwrap_or(0.0),
+            })
+        }
         None => None,
     };
     let (range, velocity_max) = limits(node, &entity, &kind, child("limit"))?;
@@ -221,7 +233,8 @@ type Limits = (Option<[f64; 2]>, Option<f64>);
 
 fn limits(joint: &Node<'_, '_>, entity: &str, kind: &str, limit: Option<Node<'_, '_>>) -> Result<Limits, Located> {
     let entity = format!("{entity}: limit");
-    let velocity_max = limit.map(|node| one(&node, &entity, "velocity")).transpose()?.flatten();
+    let [most, fastest] = if kind == "prismatic" { [LENGTH_MAX, SLIDE_SPEED_MAX] } else { [TURN_MAX, TURN_SPEED_MAX] };
+    let velocity_max = limit.map(|node| one(&node, &entity, "velocity", fastest)).transpose()?.flatten();
     if let Some(velocity) = velocity_max.filter(|velocity| *velocity < 0.0) {
         return Err(form(joint, entity, "a velocity that is not negative", &velocity.to_string()));
     }
@@ -230,8 +243,8 @@ fn limits(joint: &Node<'_, '_>, entity: &str, kind: &str, limit: Option<Node<'_,
     match (kind, limit) {
         ("continuous", _) => Ok((Some([f64::NEG_INFINITY, f64::INFINITY]), velocity_max)),
         ("revolute" | "prismatic", Some(node)) => {
-            let [low, high] =
-                [one(&node, &entity, "lower")?.unwrap_or(0.0), one(&node, &entity, "upper")?.unwrap_or(0.0)];
+            let end = |name| Ok(one(&node, &entity, name, most)?.unwrap_or(0.0));
+            let [low, high] = [end("lower")?, end("upper")?];
             if low < high {
                 return Ok((Some([low, high]), velocity_max));
             }
@@ -241,18 +254,36 @@ fn limits(joint: &Node<'_, '_>, entity: &str, kind: &str, limit: Option<Node<'_,
     }
 }
 
-fn one(node: &Node<'_, '_>, entity: &str, attribute: &str) -> Result<Option<f64>, Located> {
+/// A number of at most `most`, either way.
+fn one(node: &Node<'_, '_>, entity: &str, attribute: &str, most: f64) -> Result<Option<f64>, Located> {
     let Some(text) = node.attribute(attribute) else { return Ok(None) };
-    let number = text.trim().parse().ok().filter(|number: &f64| number.is_finite());
-    number.map(Some).ok_or_else(|| form(node, format!("{entity}: {attribute}"), "a finite number", text))
+    let fault = |expected: &str| form(node, format!("{entity}: {attribute}"), expected, text);
+    let number: f64 =
+        text.trim().parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| fault("a finite number"))?;
+    if number.abs() > most {
+        return Err(fault(&format!("a number from -{most:.1} to {most:.1}")));
+    }
+    Ok(Some(number))
 }
 
-fn three(node: &Node<'_, '_>, entity: &str, attribute: &str, default: [f64; 3]) -> Result<[f64; 3], Located> {
+/// Three numbers of at most `most`, either way.
+fn three(
+    node: &Node<'_, '_>,
+    entity: &str,
+    attribute: &str,
+    default: [f64; 3],
+    most: f64,
+) -> Result<[f64; 3], Located> {
     let Some(text) = node.attribute(attribute) else { return Ok(default) };
+    let fault = |expected: &str| form(node, format!("{entity}: {attribute}"), expected, text);
     let numbers: Option<Vec<f64>> =
         text.split_whitespace().map(|word| word.parse().ok().filter(|number: &f64| number.is_finite())).collect();
     let three = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
-    three.ok_or_else(|| form(node, format!("{entity}: {attribute}"), "three finite numbers", text))
+    let three = three.ok_or_else(|| fault("three finite numbers"))?;
+    if three.iter().any(|number| number.abs() > most) {
+        return Err(fault(&format!("three numbers from -{most:.1} to {most:.1}")));
+    }
+    Ok(three)
 }
 
 impl Tree {
@@ -364,6 +395,21 @@ impl Tree {
             }
         }
         Ok((path, pending))
+    }
+
+    /// The joint that a mimic joint follows, where that takes it beyond the range or the speed that the file gives itself.
+    pub fn leads_beyond(&self, joint: &UrdfJoint) -> Option<&str> {
+        /// What rounding of the file's figures does (rad, m).
+        const ROUNDING: f64 = 1e-6;
+        let Mimic { joint: driver, multiplier, offset } = joint.mimic.as_ref()?;
+        let driver = self.joints.iter().find(|other| other.name == *driver)?;
+        let leads = |end: f64| multiplier * end + offset;
+        let is_beyond = joint.range.zip(driver.range).is_some_and(|([low, high], ends)| {
+            ends.iter().any(|&end| !(low - ROUNDING <= leads(end) && leads(end) <= high + ROUNDING))
+        });
+        let speeds = joint.velocity_max.zip(driver.velocity_max);
+        let is_fast = speeds.is_some_and(|(most, driver)| multiplier.abs() * driver > most + ROUNDING);
+        (is_beyond || is_fast).then_some(&driver.name)
     }
 
     /// Whether a joint is on the way from base to tip.
