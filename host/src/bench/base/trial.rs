@@ -42,8 +42,6 @@ pub enum TrialError {
     Kernel,
     /// It refused one.
     Refused(Refusal),
-    /// It stopped where nothing should have stopped it.
-    Fault(Fault),
 }
 
 /// What is wrong with the tool at one tick (m).
