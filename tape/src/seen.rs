@@ -39,6 +39,8 @@ pub struct Seen {
     pub late: u64,
     /// Of the base: poses taken, gated, acquiring, acquired, refused; ticks in excess, without trust.
     pub base: [u64; 7],
+    /// With the loop closed, ticks with feedback, the base trusted, a replay, a pose gated, an excess, the tool held back.
+    pub closed: [u64; 6],
     /// Answers whose bytes did not arrive whole, which only a changed host explains.
     pub answers_broken: u64,
     /// What could not be put into a frame: has to stay zero.
@@ -123,6 +125,7 @@ impl Seen {
             misfits,
             &self.frames,
             &self.base,
+            &self.closed,
         ];
         let singles = [self.bytes, self.corrected, self.accepted, self.statuses, self.faults_told, self.late];
         lists.iter().all(|list| list.iter().all(|&n| n > 0)) && singles.iter().all(|&n| n > 0) && self.unsaid == 0
@@ -149,6 +152,7 @@ impl fmt::Display for Seen {
         writeln!(f, "                   correction tool workspace)")?;
         writeln!(f, "  does not fit     {:?} (- position speed acceleration jerk workspace)", self.misfits)?;
         writeln!(f, "base               {:?} (taken gated acquiring acquired refused, excess untrusted)", self.base)?;
+        writeln!(f, "loop closed        {:?} (feedback trusted replay gated excess held)", self.closed)?;
         let Self { accepted, statuses, faults_told, .. } = self;
         writeln!(f, "batches accepted   {accepted}, statuses {statuses}, faults told {faults_told}")?;
         write!(f, "answers broken     {}, unsaid {}", self.answers_broken, self.unsaid)
