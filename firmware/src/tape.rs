@@ -27,7 +27,7 @@ fn main() -> ! {
     for tick in 0..TICKS {
         let (now, sensors) = tape.before(&mut kernel);
         let before = SYST::get_current();
-        let command = cell::tick(&mut kernel, now, &sensors);
+        let command = tape.tick(&mut kernel, now, &sensors);
         counts.take(tick, before.wrapping_sub(SYST::get_current()) & RELOAD);
         tape.after(&mut kernel, &command);
     }

@@ -43,6 +43,8 @@ pub struct ClosedLoop<const N: usize, const DEPTH: usize> {
     control: Control<N>,
     period: f64,
     ticked: Option<Nanos>,
+    /// Whether the kernel stood in a fault, or was stopping for one, at the last tick.
+    faulted: bool,
 }
 
 impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
@@ -65,6 +67,7 @@ impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
             control: Control::new(settings, Family::of(arm), period).map_err(LoopError::Control)?,
             period,
             ticked: None,
+            faulted: false,
         })
     }
 
@@ -87,6 +90,7 @@ impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
         poses: &[TrackerPose],
     ) -> (Command<N>, LoopReport<N>) {
         let dt = self.elapsed(now);
+        self.leave_fault(kernel.mode());
         let Self { arm, estimator, identification, control, .. } = self;
         let estimated = estimator.as_mut().map(|estimator| estimator.tick(arm, now, robot, poses));
         let (nominal_from_base, base_from_flange, estimate) = match &estimated {
@@ -119,6 +123,15 @@ impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
             _ => identification.pause(),
         }
         (command, report)
+    }
+
+    /// A fault that the kernel no longer stands in has been left by a person: the base may be looked at again.
+    fn leave_fault(&mut self, mode: &Mode) {
+        let faulted = mode.fault().is_some();
+        if let (true, Some(estimator)) = (self.faulted && !faulted, &mut self.estimator) {
+            estimator.clear();
+        }
+        self.faulted = faulted;
     }
 
     /// Since the last tick (s). The robot's telegram is the clock, and its stamp here has a process' jitter: what is not late by

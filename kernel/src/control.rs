@@ -34,8 +34,12 @@ const SHIFT_TIME: f64 = 0.05;
 /// How far (rad, m) the sum may stay behind before the integral waits for it.
 const BEHIND_MAX: f64 = 1e-4;
 
-/// How far the tool's shift (m) and turn (rad) may stay behind before the feedback waits, and the patience runs.
-const HELD_MAX: f64 = 1e-5;
+/// How far the tool's shift (m) and turn (rad) may stay behind before the feedback waits: more than a swing whose acceleration is
+/// not followed.
+const HELD_MAX: f64 = 1e-4;
+
+/// How far they may before the patience runs.
+const LOST_MAX: f64 = 1e-3;
 
 /// Nearer than this (m, rad), what is added is just what is wanted.
 const EXACT: f64 = 1e-12;
@@ -56,7 +60,7 @@ pub struct Bounds {
     pub turn_speed_max: f64,
     /// How fast that may change (rad/s²).
     pub turn_acceleration_max: f64,
-    /// How long it may move as fast as that (s): a step is gone by then, a base that runs away is not.
+    /// How long it may stay behind by more than 1 mm or 1 mrad (s): a step is gone by then, a base that runs away is not.
     pub patience: f64,
 }
 
@@ -96,7 +100,7 @@ pub enum Bound {
     Shift,
     /// [`Bounds::turn_max`], rad.
     Turn,
-    /// [`Bounds::patience`], s at the highest speed.
+    /// [`Bounds::patience`], s.
     Speed,
 }
 
@@ -164,7 +168,7 @@ pub struct Control<const N: usize> {
     wanted: JointPos<N>,
     /// Whether what was wanted at the last tick has been held back.
     waits: bool,
-    /// How long the speed's bound has held it (s).
+    /// How long it has stayed far behind (s).
     held: f64,
 }
 
@@ -387,7 +391,7 @@ impl<const N: usize> Control<N> {
             let answer = self.nearest(arm, &(pose * tool.inverse()), &seed)?;
             self.added = difference(&answer.joints, &reference.joints);
         }
-        self.held = if far > HELD_MAX || round > HELD_MAX { self.held + reference.period } else { 0.0 };
+        self.held = if far > LOST_MAX || round > LOST_MAX { self.held + reference.period } else { 0.0 };
         if self.held > bounds.patience {
             let (value, limit) = (self.held, bounds.patience);
             return Err(ControlError::Saturated { bound: Bound::Speed, value, limit });

@@ -137,6 +137,11 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
         &self.base
     }
 
+    /// Forgets an excess of the base: a person has left the fault that it was.
+    pub fn clear(&mut self) {
+        self.base.clear();
+    }
+
     /// The acceleration (rad/s², m/s²) that the path has at this tick: it acts a dead time from now, and the filter then knows.
     pub fn command(&mut self, acceleration: &JointAcc<N>) {
         self.commanded.push(&JointPos(acceleration.0));

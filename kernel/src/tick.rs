@@ -240,6 +240,11 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         count
     }
 
+    /// What the kernel is doing.
+    pub const fn mode(&self) -> &Mode {
+        &self.state.mode
+    }
+
     /// Where the kernel stands.
     pub fn status(&self) -> Status {
         self.state.status()

@@ -10,6 +10,7 @@
 
 mod base;
 pub mod cell;
+mod closed;
 pub mod hash;
 mod host;
 mod inverse;
@@ -21,6 +22,7 @@ pub mod seen;
 
 use base::Shifting;
 use cell::{ARM, TapeKernel};
+use closed::Closed;
 use hash::Fnv;
 use host::Host;
 use motion::JOINTS;
@@ -39,8 +41,11 @@ pub const SEED: u64 = 20_260_301;
 /// Ticks of the tape that is compared.
 pub const TICKS: u64 = 120_000;
 
+/// Ticks of it before the loop is closed.
+pub const OPEN_TICKS: u64 = 110_000;
+
 /// Hash of that tape.
-pub const EXPECTED: u64 = 0x6e1d_74ee_5c05_5b86;
+pub const EXPECTED: u64 = 0x92c6_6059_7b5a_9c2b;
 
 /// What a run gave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,6 +63,9 @@ pub struct Tape {
     robot: Robot,
     random: Random,
     base: Shifting,
+    /// In the last part of the tape the loop is closed around the kernel.
+    closed: Closed,
+    ticked: u64,
     outcome: Outcome,
 }
 
@@ -70,6 +78,8 @@ impl Tape {
             robot: Robot::new(random.bits()),
             random,
             base: Shifting::new(seed),
+            closed: Closed::new(seed),
+            ticked: 0,
             outcome: Outcome { hash: Fnv::new(), seen: Seen::default() },
         }
     }
@@ -89,7 +99,25 @@ impl Tape {
             3 => kernel.quit(),
             _ => {}
         }
-        self.robot.sense()
+        let (now, sensors) = self.robot.sense();
+        self.ticked += 1;
+        if self.is_closed() {
+            self.closed.look(now, &sensors.actual);
+        }
+        (now, sensors)
+    }
+
+    /// The tick itself: the kernel's, or that of the loop around it.
+    pub fn tick(&mut self, kernel: &mut TapeKernel, now: Nanos, sensors: &Sensors<JOINTS>) -> Command<JOINTS> {
+        match self.is_closed() {
+            true => self.closed.tick(kernel, now, sensors),
+            false => cell::tick(kernel, now, sensors),
+        }
+    }
+
+    /// Whether the loop is closed at the tick that comes or was last.
+    pub const fn is_closed(&self) -> bool {
+        self.ticked > OPEN_TICKS
     }
 
     /// What comes after it: the command and the answers are hashed, the robot follows.
@@ -98,6 +126,8 @@ impl Tape {
         self.hash_command(command);
         self.outcome.hash.integer(u64::from(kernel.may_quit()));
         self.robot.follow(command);
+        self.closed.hash(&mut self.outcome.hash);
+        self.outcome.seen.closed = self.closed.met;
         if let Some(joints) = &command.joints {
             self.hash_kinematics(joints);
         }
@@ -157,7 +187,7 @@ pub fn play(kernel: &mut TapeKernel, seed: u64, ticks: u64) -> Outcome {
     let mut tape = Tape::new(seed);
     for _ in 0..ticks {
         let (now, sensors) = tape.before(kernel);
-        let command = cell::tick(kernel, now, &sensors);
+        let command = tape.tick(kernel, now, &sensors);
         tape.after(kernel, &command);
     }
     tape.outcome

@@ -43,6 +43,8 @@ pub struct Seen {
     pub solved: [u64; 7],
     /// Frames from points: found, refused.
     pub registered: [u64; 2],
+    /// With the loop closed, ticks with feedback, the base trusted, a replay, a pose gated, an excess, the tool held back.
+    pub closed: [u64; 6],
     /// Answers whose bytes did not arrive whole, which only a changed host explains.
     pub answers_broken: u64,
     /// What could not be put into a frame: has to stay zero.
@@ -139,6 +141,7 @@ impl Seen {
             &self.base,
             &self.solved,
             &self.registered,
+            &self.closed,
         ];
         let singles = [self.bytes, self.corrected, self.accepted, self.statuses, self.faults_told, self.late];
         lists.iter().all(|list| list.iter().all(|&n| n > 0)) && singles.iter().all(|&n| n > 0) && self.unsaid == 0
@@ -171,6 +174,7 @@ impl fmt::Display for Seen {
             self.solved
         )?;
         writeln!(f, "frames registered  {:?} (found refused)", self.registered)?;
+        writeln!(f, "loop closed        {:?} (feedback trusted replay gated excess held)", self.closed)?;
         let Self { accepted, statuses, faults_told, .. } = self;
         writeln!(f, "batches accepted   {accepted}, statuses {statuses}, faults told {faults_told}")?;
         write!(f, "answers broken     {}, unsaid {}", self.answers_broken, self.unsaid)

@@ -201,16 +201,19 @@ fn a_base_that_has_gone_too_far_or_goes_too_fast_is_not_followed() {
         other => panic!("{other:?}"),
     };
     saturated(run(|tick| displaced(6e-6 * tick as f64)), Bound::Shift);
-    let turned = |tick| Pose::from_roll_pitch_yaw(Vector3::zeros(), 0.0, 0.0, 2e-5 * tick as f64);
-    let mut world = World::new(turned(0));
-    world.control.settings.bounds.travel.shift_max = 1.0;
-    world.control.settings.bounds.mill.shift_max = 1.0;
-    let found = (1..2000).find_map(|tick| {
-        world.nominal_from_base = turned(tick);
-        world.step().err()
-    });
-    saturated(found, Bound::Turn);
-    saturated(run(|tick| displaced(0.006 * libm::sin(0.1 * tick as f64))), Bound::Speed);
+    let wide = |base: fn(usize) -> Pose| {
+        let mut world = World::new(base(0));
+        for bounds in [&mut world.control.settings.bounds.travel, &mut world.control.settings.bounds.mill] {
+            bounds.shift_max = 1.0;
+        }
+        (1..2000).find_map(|tick| {
+            world.nominal_from_base = base(tick);
+            world.step().err()
+        })
+    };
+    saturated(wide(|tick| Pose::from_roll_pitch_yaw(Vector3::zeros(), 0.0, 0.0, 2e-5 * tick as f64)), Bound::Turn);
+    // 60 mm/s, three times as fast as the tool may be shifted.
+    saturated(wide(|tick| Pose::from_translation(1.2e-4 * tick as f64, 0.0, 0.0)), Bound::Speed);
 }
 
 #[test]

@@ -17,8 +17,8 @@ pub const RADIUS: f64 = 0.15;
 /// Ticks at rest before, in which base and filter are found.
 const WARM_UP: usize = 1000;
 
-/// Setpoints that the kernel's ring holds.
-const RING: usize = 16_384;
+/// Setpoints that the kernel's ring holds: a run of 8 s.
+const RING: usize = 4096;
 
 /// What the loop has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,8 +42,6 @@ pub enum TrialError {
     Kernel,
     /// It refused one.
     Refused(Refusal),
-    /// It stopped where nothing should have stopped it.
-    Fault(Fault),
 }
 
 /// What is wrong with the tool at one tick (m).
