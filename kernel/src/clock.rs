@@ -126,6 +126,7 @@ impl<const N: usize> PathClock<N> {
 
     /// How the path moves where the clock is, samples being `sample` s apart: with q(θ) the path over its own time,
     /// q̇ = q′·θ̇ and q̈ = q″·θ̇² + q′·θ̈ (rad/s, rad/s², or m). The derivatives are those of the interpolation.
+    #[inline(always)]
     pub fn motion(&self, sample: f64) -> (JointVel<N>, JointAcc<N>) {
         let (mut velocity, mut acceleration) = (JointVel::ZERO, JointAcc::ZERO);
         let Ramp { value: rate, slope } = self.rate;

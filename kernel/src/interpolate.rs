@@ -13,6 +13,7 @@ pub fn interpolate(q: [f64; 6], t: f64) -> f64 {
 }
 
 /// First and second derivative of [`interpolate`] at `t`, per sample period and its square.
+#[inline(always)]
 pub fn slopes(q: [f64; 6], t: f64) -> [f64; 2] {
     let [_, c1, c2, c3, c4, c5] = coefficients(q);
     [

@@ -357,6 +357,8 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         }
     }
 
+    /// In line, so that it costs nothing where nobody asks for it.
+    #[inline(always)]
     fn reference(&self, periods: Periods, limits: CorrectionLimits, plays: bool) -> Reference<N> {
         let (velocity, acceleration) =
             if plays { self.clock.motion(periods.sample) } else { (JointVel::ZERO, JointAcc::ZERO) };
