@@ -34,24 +34,7 @@ pub struct Shifting {
 
 impl Shifting {
     pub fn new(seed: u64) -> Self {
-        let limits = BaseLimits {
-            translation_max: 0.02,
-            velocity_max: 0.02,
-            acceleration_max: 0.2,
-            rotation_max: 0.01,
-            turn_rate_max: 0.01,
-            turn_acceleration_max: 0.1,
-        };
-        let config = BaseConfig {
-            tracker_from_nominal: Pose::from_roll_pitch_yaw(Vector3::new(3.0, -1.0, 0.5), 0.2, -0.1, 2.5),
-            flange_from_target: Pose::from_roll_pitch_yaw(Vector3::new(0.05, 0.02, 0.1), 0.3, 0.0, 1.0),
-            pivot: Vector3::new(0.7, -0.2, 0.4),
-            drift: Drift { speed: 3e-3, turn_rate: 2e-4, time: 2.0 },
-            hold: 0.5,
-            agreeing: 5,
-            limits,
-            period: TICK_NS as f64 * 1e-9,
-        };
+        let config = config(TICK_NS, 0.5);
         Self {
             random: Random(seed),
             config,
@@ -137,5 +120,27 @@ impl Shifting {
         if let Some(count) = self.met.get_mut(which) {
             *count += u64::from(happened);
         }
+    }
+}
+
+/// Where the tape's tracker, base and target are, and how its base may move; with ticks so far apart, and so long without a pose.
+pub fn config(tick_ns: u64, hold: f64) -> BaseConfig {
+    let limits = BaseLimits {
+        translation_max: 0.02,
+        velocity_max: 0.02,
+        acceleration_max: 0.2,
+        rotation_max: 0.01,
+        turn_rate_max: 0.01,
+        turn_acceleration_max: 0.1,
+    };
+    BaseConfig {
+        tracker_from_nominal: Pose::from_roll_pitch_yaw(Vector3::new(3.0, -1.0, 0.5), 0.2, -0.1, 2.5),
+        flange_from_target: Pose::from_roll_pitch_yaw(Vector3::new(0.05, 0.02, 0.1), 0.3, 0.0, 1.0),
+        pivot: Vector3::new(0.7, -0.2, 0.4),
+        drift: Drift { speed: 3e-3, turn_rate: 2e-4, time: 2.0 },
+        hold,
+        agreeing: 5,
+        limits,
+        period: tick_ns as f64 * 1e-9,
     }
 }

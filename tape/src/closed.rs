@@ -1,11 +1,12 @@
 //! The loop closed around the tape's kernel: a tracker that errs, lies, comes late and is lost sight of, on a base that moves.
 
+use crate::base;
 use crate::cell::{ARM, TICK_NS, TapeKernel};
 use crate::hash::Fnv;
 use crate::motion::JOINTS;
 use crate::random::Random;
 use nalgebra::Vector3;
-use screed_kernel::base::{BaseConfig, BaseLimits, Displacement, Drift, Trust};
+use screed_kernel::base::{Displacement, Trust};
 use screed_kernel::closed_loop::{ClosedLoop, LoopReport};
 use screed_kernel::control::{Bounds, Settings};
 use screed_kernel::drive::{Drive, Learning};
@@ -164,25 +165,8 @@ impl Closed {
 }
 
 fn estimator() -> EstimatorConfig<JOINTS> {
-    let limits = BaseLimits {
-        translation_max: 0.02,
-        velocity_max: 0.02,
-        acceleration_max: 0.2,
-        rotation_max: 0.01,
-        turn_rate_max: 0.01,
-        turn_acceleration_max: 0.1,
-    };
     EstimatorConfig {
-        base: BaseConfig {
-            tracker_from_nominal: Pose::from_roll_pitch_yaw(Vector3::new(3.0, -1.0, 0.5), 0.2, -0.1, 2.5),
-            flange_from_target: Pose::from_roll_pitch_yaw(Vector3::new(0.05, 0.02, 0.1), 0.3, 0.0, 1.0),
-            pivot: Vector3::new(0.7, -0.2, 0.4),
-            drift: Drift { speed: 3e-3, turn_rate: 2e-4, time: 2.0 },
-            hold: 0.2,
-            agreeing: 5,
-            limits,
-            period: TICK_NS as f64 * 1e-9,
-        },
+        base: base::config(TICK_NS, 0.2),
         jerk_density: [1.0; JOINTS],
         encoder_deviation: JointPos([1e-4; JOINTS]),
         joint_deviation: JointPos([3e-4; JOINTS]),
