@@ -4,6 +4,7 @@
 
 use nalgebra::Vector3;
 use screed_kernel::arms::ur::UR10E;
+use screed_kernel::base::swing::Swing;
 use screed_kernel::base::{Base, BaseConfig, BaseLimits, Drift, Measurement, Verdict};
 use screed_kernel::pose::Pose;
 use screed_kernel::units::{JointPos, Nanos};
@@ -99,6 +100,7 @@ fn play() -> [u64; 3] {
         flange_from_target: Pose::from_roll_pitch_yaw(Vector3::new(0.05, 0.02, 0.1), 0.3, 0.0, 1.0),
         pivot: Vector3::new(0.7, -0.2, 0.4),
         drift: Drift { speed: 3e-3, turn_rate: 2e-4, time: 2.0 },
+        swing: Swing::NONE,
         hold: 1.0,
         agreeing: 200,
         limits,

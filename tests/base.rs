@@ -5,6 +5,7 @@
 use nalgebra::Vector3;
 use screed::sim::plant::{Plant, ROTATION_DEVIATION, position_deviation};
 use screed_kernel::base::history::History;
+use screed_kernel::base::swing::Swing;
 use screed_kernel::base::{Base, BaseConfig, BaseLimits, Drift, Measurement, Trust};
 use screed_kernel::units::JointPos;
 
@@ -17,6 +18,7 @@ fn config(plant: &Plant) -> BaseConfig {
         flange_from_target: params.flange_from_target,
         pivot,
         drift: Drift { speed: 5e-3, turn_rate: 5e-4, time: 0.5 },
+        swing: Swing::NONE,
         hold: 1.0,
         agreeing: 20,
         limits: BaseLimits {

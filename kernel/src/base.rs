@@ -19,16 +19,19 @@
 //! believed pose the estimate runs on for [`BaseConfig::hold`]; then trust ends, and the correction ramps out. A jump is gated at
 //! first; [`BaseConfig::agreeing`] measurements in a row that agree with one another start the estimate anew there.
 
+pub mod covariance;
 pub mod estimate;
 pub mod history;
+pub mod swing;
 
 use crate::arm::Arm;
 use crate::ekf::{EkfError, Verdict as Judged};
 use crate::pose::Pose;
 use crate::ramp::{Ramp, RampLimits};
 use crate::units::Nanos;
-use estimate::{Estimate, Seen};
+use estimate::{Ahead, Estimate, Seen};
 use nalgebra::Vector3;
+use swing::Swing;
 
 pub use estimate::{Displacement, Drift, Measurement};
 
@@ -46,8 +49,10 @@ pub struct BaseConfig {
     /// displacement of the base's origin would lie a long lever away from where it is measured, and an error of rotation would
     /// come with a large one of translation.
     pub pivot: Vector3<f64>,
-    /// How the base moves.
+    /// How its place of rest moves.
     pub drift: Drift,
+    /// How it swings about that.
+    pub swing: Swing,
     /// For how long the estimate is trusted after the last pose that was believed (s).
     pub hold: f64,
     /// How many measurements in a row have to agree with one another to begin an estimate, at first and after a jump; 2 or more.
@@ -289,13 +294,13 @@ impl Base {
     pub fn tick(&mut self, at: Nanos) -> Result<Output, Excess> {
         self.ticked = Some(at);
         self.estimate = self.held(self.estimate, at);
-        let ahead = self.estimate.map(|estimate| (estimate.ahead(at, &self.config.drift), seconds(estimate.at(), at)));
+        let ahead = self.estimate.map(|estimate| (estimate.ahead(at, &self.config), seconds(estimate.at(), at)));
         let limits = self.config.limits;
         let mut aims = [Vector3::zeros(); 2];
-        if let Some(((displacement, rate), _)) = &ahead {
+        if let Some((Ahead { place, rate, displacement }, _)) = &ahead {
             aims = [
-                displacement.translation + stop(&rate.translation, limits.velocity_max, limits.acceleration_max),
-                displacement.rotation + stop(&rate.rotation, limits.turn_rate_max, limits.turn_acceleration_max),
+                place.translation + stop(&rate.translation, limits.velocity_max, limits.acceleration_max),
+                place.rotation + stop(&rate.rotation, limits.turn_rate_max, limits.turn_acceleration_max),
             ];
             let excess = limits.excess(&[displacement.translation, displacement.rotation]);
             self.excess = self.excess.or(excess).or(limits.excess(&aims));
@@ -309,9 +314,9 @@ impl Base {
         go(&mut self.rotation, &rotation, limits.turn_rate_max, limits.turn_acceleration_max, period);
         let now = self.displacement();
         (self.trust, self.behind) = match &ahead {
-            Some(((wanted, _), age)) => (
+            Some((Ahead { place, .. }, age)) => (
                 Trust::Held { age: *age },
-                [(wanted.translation - now.translation).norm(), (wanted.rotation - now.rotation).norm()],
+                [(place.translation - now.translation).norm(), (place.rotation - now.rotation).norm()],
             ),
             None => (Trust::Ended, [0.0; 2]),
         };
@@ -344,7 +349,8 @@ impl Base {
     pub fn tracker_from_base(&self, at: Nanos) -> Pose {
         match &self.estimate {
             Some(estimate) => {
-                self.config.tracker_from_nominal * estimate.ahead(at, &self.config.drift).0.pose(&self.config.pivot)
+                self.config.tracker_from_nominal
+                    * estimate.ahead(at, &self.config).displacement.pose(&self.config.pivot)
             }
             None => self.config.tracker_from_nominal,
         }
@@ -383,6 +389,7 @@ impl BaseConfig {
                 return Err(BaseError::Config { field, value });
             }
         }
+        self.swing.check()?;
         if rotation_max > ROTATION_MAX {
             return Err(BaseError::Config { field: "limits.rotation_max", value: rotation_max });
         }

@@ -3,9 +3,9 @@
 mod common;
 
 use common::Random;
-use common::base::{DRIFT, Dense, LIMITS, Sim, config, matrix};
+use common::base::{DRIFT, Dense, LIMITS, Sim, config, list, matrix, swinging};
 use common::estimation::{band, mean};
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SMatrix, Vector3};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::base::history::{History, HistoryError};
 use screed_kernel::base::{
@@ -33,7 +33,7 @@ fn acquired(seed: u64, config: BaseConfig) -> Sim {
 fn errors_and_innovations_are_as_large_as_the_filter_says() {
     let (mut nees, mut nis, mut looks) = (Vec::new(), Vec::new(), 0);
     for seed in 0..60 {
-        let mut sim = Sim::new(seed, config());
+        let mut sim = Sim::new(seed, swinging());
         sim.any_rate();
         let (mut errors, mut innovations) = ((0.0, 0.0), (0.0, 0.0));
         for tick in 0..2000 {
@@ -58,29 +58,17 @@ fn errors_and_innovations_are_as_large_as_the_filter_says() {
     }
     // Errors of neighbouring looks are not independent: their band comes from the scatter of the runs.
     let (mean_nees, own) = mean(&nees);
-    assert!((mean_nees - 12.0).abs() <= own, "NEES {mean_nees} ± {own}, {looks} looks");
+    assert!((mean_nees - 24.0).abs() <= own, "NEES {mean_nees} ± {own}, {looks} looks");
     let (mean_nis, half) = (mean(&nis).0, band(6.0, 60.0 * 1980.0));
     assert!((mean_nis - 6.0).abs() <= half, "NIS {mean_nis} ± {half}");
-    println!("NEES {mean_nees:.3} ± {own:.3} of 12, NIS {mean_nis:.4} ± {half:.4} of 6");
+    println!("NEES {mean_nees:.3} ± {own:.3} of 24, NIS {mean_nis:.4} ± {half:.4} of 6");
 }
 
 /// The dense filter takes its Jacobians from central differences and its process noise from an integral.
 #[test]
 fn blocks_and_a_dense_filter_in_josephs_form_agree() {
-    let mut sim = acquired(3, config());
-    let mut dense = Dense { x: SVector::zeros(), p: matrix(sim.base.estimate().unwrap()) };
-    let estimate = *sim.base.estimate().unwrap();
-    for (k, part) in [
-        estimate.displacement().translation,
-        estimate.displacement().rotation,
-        estimate.rate().translation,
-        estimate.rate().rotation,
-    ]
-    .iter()
-    .enumerate()
-    {
-        dense.x.fixed_rows_mut::<3>(3 * k).copy_from(part);
-    }
+    let mut sim = acquired(3, swinging());
+    let mut dense = Dense::of(sim.base.estimate().unwrap());
     let mut coin = Random(9);
     let mut last = sim.now;
     for tick in 0..2000 {
@@ -97,12 +85,15 @@ fn blocks_and_a_dense_filter_in_josephs_form_agree() {
         assert!((nis - other).abs() < 1e-3 * (1.0 + nis), "{tick}: {nis} {other}");
         let estimate = sim.base.estimate().unwrap();
         let sigma = dense.p.diagonal().map(f64::sqrt);
-        let scale = SMatrix::<f64, 12, 12>::from_diagonal(&sigma.map(|sigma| 1.0 / sigma));
+        let scale = SMatrix::<f64, 24, 24>::from_diagonal(&sigma.map(|sigma| 1.0 / sigma));
         let apart = (scale * (matrix(estimate) - dense.p) * scale).amax();
         assert!(apart < 1e-3, "{tick}: covariance {apart}");
-        for (k, part) in [estimate.displacement().translation, estimate.displacement().rotation].iter().enumerate() {
-            let apart = (part - dense.x.fixed_rows::<3>(3 * k)).component_div(&sigma.fixed_rows::<3>(3 * k)).amax();
-            assert!(apart < 1e-3, "{tick}: state {apart}");
+        for (part, found) in
+            [estimate.place(), estimate.rate(), estimate.swing(), estimate.swing_rate()].iter().enumerate()
+        {
+            let apart =
+                (list(found) - dense.x.fixed_rows::<6>(6 * part)).component_div(&sigma.fixed_rows::<6>(6 * part));
+            assert!(apart.amax() < 1e-3, "{tick}: part {part} of the state {apart}");
         }
     }
 }
@@ -220,7 +211,7 @@ fn a_step_is_gated_acquired_anew_and_taken_up_no_faster_than_allowed() {
 
 #[test]
 fn three_sigma_stay_honest_through_a_dropout_of_five_seconds() {
-    let long = BaseConfig { hold: 10.0, ..config() };
+    let long = BaseConfig { hold: 10.0, ..swinging() };
     let (mut inside, mut all, mut gated) = (0, 0, 0);
     for seed in 0..40 {
         let mut sim = Sim::new(seed, long);
@@ -238,7 +229,7 @@ fn three_sigma_stay_honest_through_a_dropout_of_five_seconds() {
             if tick >= 5500 && tick % 100 == 0 {
                 let estimate = sim.base.estimate().unwrap();
                 let (error, p) = (sim.error(estimate), matrix(estimate));
-                for k in 0..12 {
+                for k in 0..24 {
                     inside += usize::from(error[k].abs() <= 3.0 * p[(k, k)].sqrt());
                     all += 1;
                 }
@@ -412,7 +403,7 @@ fn whatever_is_measured_the_output_keeps_its_bounds() {
 
 #[test]
 fn the_covariance_stays_positive_and_symmetric_over_a_million_ticks() {
-    let mut sim = Sim::new(19, BaseConfig { hold: 60.0, ..config() });
+    let mut sim = Sim::new(19, BaseConfig { hold: 60.0, ..swinging() });
     let (mut least, mut worst) = (f64::INFINITY, 0.0_f64);
     for tick in 0..1_000_000 {
         sim.wander();
@@ -430,13 +421,10 @@ fn the_covariance_stays_positive_and_symmetric_over_a_million_ticks() {
         {
             let p = matrix(estimate);
             let sigma = p.diagonal().map(f64::sqrt);
-            let scale = SMatrix::<f64, 12, 12>::from_diagonal(&sigma.map(|sigma| 1.0 / sigma));
+            let scale = SMatrix::<f64, 24, 24>::from_diagonal(&sigma.map(|sigma| 1.0 / sigma));
             least = least.min((scale * p * scale).symmetric_eigenvalues().min());
             worst = worst.max((scale * sim.error(estimate)).amax());
-            let p = estimate.covariance();
-            for (i, j) in (0..6).flat_map(|i| (0..6).map(move |j| (i, j))) {
-                assert!(p.xx[i][j] == p.xx[j][i] && p.vv[i][j] == p.vv[j][i]);
-            }
+            assert!(p == p.transpose());
         }
     }
     println!("least eigenvalue of P scaled to a unit diagonal {least:.2e}, largest error {worst:.2} σ");

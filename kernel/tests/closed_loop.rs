@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use screed_kernel::arm::Arm;
 use screed_kernel::arms::ur::UR10E;
+use screed_kernel::base::swing::Swing;
 use screed_kernel::base::{BaseConfig, BaseLimits, Drift};
 use screed_kernel::closed_loop::{ClosedLoop, LoopReport};
 use screed_kernel::control::{Bounds, Settings};
@@ -111,6 +112,7 @@ fn estimator() -> EstimatorConfig<6> {
             flange_from_target: Pose::from_translation(0.0, 0.0, 0.1),
             pivot: Vector3::new(0.7, -0.2, 0.4),
             drift: Drift { speed: 3e-3, turn_rate: 2e-4, time: 2.0 },
+            swing: Swing::NONE,
             hold: 0.5,
             agreeing: 5,
             limits: BaseLimits {

@@ -6,6 +6,7 @@ use crate::motion::JOINTS;
 use crate::random::Random;
 use nalgebra::Vector3;
 use screed_kernel::base::history::History;
+use screed_kernel::base::swing::Swing;
 use screed_kernel::base::{Base, BaseConfig, BaseLimits, Displacement, Drift, Measurement, Trust, Verdict};
 use screed_kernel::pose::Pose;
 use screed_kernel::units::{JointPos, Nanos};
@@ -105,8 +106,8 @@ impl Shifting {
         hash.integer(kind as u64);
         hash.number(number);
         if let Some(estimate) = base.estimate() {
-            let p = estimate.covariance();
-            [&p.xx, &p.xv, &p.vv].iter().flat_map(|block| block.as_flattened()).for_each(|number| hash.number(*number));
+            let rows = estimate.covariance().rows.as_flattened().as_flattened().as_flattened();
+            rows.iter().for_each(|number| hash.number(*number));
         }
         self.count(kind, true);
     }
@@ -138,6 +139,7 @@ pub fn config(tick_ns: u64, hold: f64) -> BaseConfig {
         flange_from_target: Pose::from_roll_pitch_yaw(Vector3::new(0.05, 0.02, 0.1), 0.3, 0.0, 1.0),
         pivot: Vector3::new(0.7, -0.2, 0.4),
         drift: Drift { speed: 3e-3, turn_rate: 2e-4, time: 2.0 },
+        swing: Swing::NONE,
         hold,
         agreeing: 5,
         limits,

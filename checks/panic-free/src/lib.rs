@@ -236,8 +236,9 @@ pub fn root_base_tick(base: &mut Base, at: Nanos, clear: bool) -> (Result<Output
     let output = base.tick(at);
     let certain = base.estimate().map_or(0.0, |estimate| {
         estimate.at().0 as f64
-            + estimate.covariance().xx[0][0]
-            + estimate.displacement().rotation.x
+            + estimate.covariance().rows[0][0][0][0]
+            + estimate.place().rotation.x
+            + estimate.swing().rotation.x
             + estimate.rate().rotation.x
     });
     (output, base.output().nominal_from_base, base.tracker_from_base(at), certain)

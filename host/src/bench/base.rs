@@ -2,12 +2,14 @@
 //! kernel and its closed loop, and the margins of their loops are found.
 
 pub mod cell;
+pub mod commission;
 pub mod margin;
 pub mod report;
 pub mod trial;
 
 use crate::failure::{Exit, Failure};
 use crate::sim::plant::{Displacement, Kind, Params};
+use commission::Commissioned;
 use margin::Margin;
 use nalgebra::Vector3;
 use screed_kernel::fault::Fault;
@@ -19,7 +21,7 @@ use trial::{Correction, Sample, TrialError};
 pub const SPEEDS: [f64; 4] = [0.015, 0.05, 0.1, 0.25];
 
 /// What is compared.
-pub const CORRECTIONS: [Correction; 3] = [Correction::Off, Correction::Lead, Correction::On];
+pub const CORRECTIONS: [&str; 3] = ["off", "lead only", "on"];
 
 /// How long the speed is held (s), and which part of the run is scored (s): not the ramps, nor the first second and a half at full speed,
 /// in which corrections are still led in.
@@ -94,20 +96,22 @@ fn score(seed: u64) -> Result<Score, BaseBenchError> {
     let failed = |error| BaseBenchError { seed, error };
     let kind = cell::kind(seed);
     let params = Params::random(kind, seed);
-    let margin = margin::of(kind, &params, seed).map_err(|error| failed(TrialError::Cell(error)))?;
+    let cell = |error| failed(TrialError::Cell(error));
+    let found = commission::commission(kind, &params, seed).map_err(cell)?;
+    let margin = margin::of(kind, &params, seed, &found).map_err(cell)?;
     // Drift alone: steps of the base and breaks of the beam are another question.
     let mut drifting = params.clone();
     (drifting.base.step_interval, drifting.tracker.break_interval) = (f64::INFINITY, f64::INFINITY);
     let mut errors = Vec::new();
     for speed in SPEEDS {
         let mut row = Vec::new();
-        for correction in CORRECTIONS {
+        for correction in [Correction::Off, Correction::Lead, Correction::On(found)] {
             let run = trial::run(kind, &drifting, seed, (speed, SECONDS), correction, |_, _| {}).map_err(failed)?;
             row.push(if run.fault.is_some() { Errors::STOPPED } else { judged(&run.samples) });
         }
         errors.push(row);
     }
-    let disturbed = disturbed(kind, &params, seed).map_err(failed)?;
+    let disturbed = disturbed(kind, &params, seed, found).map_err(failed)?;
     Ok(Score { kind, margin, errors, disturbed })
 }
 
@@ -125,13 +129,13 @@ fn judged(samples: &[Sample]) -> Errors {
 }
 
 /// Steps of the base, beam breaks every two seconds, and after four seconds a push.
-fn disturbed(kind: Kind, params: &Params, seed: u64) -> Result<Disturbed, TrialError> {
+fn disturbed(kind: Kind, params: &Params, seed: u64, found: Commissioned) -> Result<Disturbed, TrialError> {
     let mut params = params.clone();
     params.tracker.break_interval = 2.0;
     params.tracker.break_length = [0.02, 0.8];
     params.tracker.relock = [0.1, 0.4];
     let push = Displacement { translation: Vector3::new(0.06, -0.06, 0.06), rotation: Vector3::zeros() };
-    let run = trial::run(kind, &params, seed, (0.05, SECONDS), Correction::On, |tick, plant| {
+    let run = trial::run(kind, &params, seed, (0.05, SECONDS), Correction::On(found), |tick, plant| {
         if tick == 2000 {
             plant.shift_base(&push);
         }

@@ -9,11 +9,13 @@
 // In matrices an index says more than a chain of iterators does.
 #![allow(clippy::needless_range_loop)]
 
+use super::covariance::Covariance;
+use super::swing::{Turns, swung};
 use super::{BaseConfig, seconds};
 use crate::arm::Arm;
 use crate::ekf::covariance::{Block, mirror};
 use crate::ekf::pose::{bend, rotation_is_sound};
-use crate::ekf::{EkfError, Verdict, add, judge, positive, subtract};
+use crate::ekf::{EkfError, Verdict, add, judge, positive};
 use crate::pose::Pose;
 use crate::units::{JointPos, Nanos};
 use nalgebra::{Matrix3, Vector3};
@@ -77,7 +79,7 @@ impl Displacement {
         }
     }
 
-    fn of([x, y, z, a, b, c]: &[f64; 6]) -> Self {
+    pub(super) fn of([x, y, z, a, b, c]: &[f64; 6]) -> Self {
         Self { translation: Vector3::new(*x, *y, *z), rotation: Vector3::new(*a, *b, *c) }
     }
 
@@ -89,21 +91,23 @@ impl Displacement {
         Self { translation: self.translation * factor, rotation: self.rotation * factor }
     }
 
+    pub(super) fn array(&self) -> [f64; 6] {
+        let (a, b) = (&self.translation, &self.rotation);
+        [a.x, a.y, a.z, b.x, b.y, b.z]
+    }
+
+    /// What a swing about a centre, from which `lever` runs to the pivot, makes of this displacement.
+    fn with_swing(&self, swing: &Self, lever: &Vector3<f64>) -> Self {
+        let turn = Pose::from_rotation_vector(Vector3::zeros(), swing.rotation);
+        Self {
+            translation: self.translation + swing.translation + turn.rotation * lever - lever,
+            rotation: (turn * Pose::from_rotation_vector(Vector3::zeros(), self.rotation)).rotation_vector(),
+        }
+    }
+
     fn is_finite(&self) -> bool {
         self.translation.iter().chain(self.rotation.iter()).all(|value| value.is_finite())
     }
-}
-
-/// P in blocks, symmetric: displacement with displacement, displacement (rows) with rates, rates with rates; in each,
-/// translation before rotation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Covariance {
-    /// m², m·rad, rad²
-    pub xx: Block<6>,
-    /// The same per second.
-    pub xv: Block<6>,
-    /// The same per second squared.
-    pub vv: Block<6>,
 }
 
 /// A measurement as the filter wants it.
@@ -160,9 +164,22 @@ impl Seen {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     at: Nanos,
-    displacement: Displacement,
+    place: Displacement,
     rate: Displacement,
+    swing: Displacement,
+    swing_rate: Displacement,
     covariance: Covariance,
+}
+
+/// The base at a later time, if nothing is measured until then.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ahead {
+    /// Where it would rest.
+    pub place: Displacement,
+    /// The rate of that (m/s, rad/s).
+    pub rate: Displacement,
+    /// Where it is: with its swing.
+    pub displacement: Displacement,
 }
 
 impl Estimate {
@@ -171,14 +188,24 @@ impl Estimate {
         self.at
     }
 
-    /// Of the pivot, and rotation.
-    pub const fn displacement(&self) -> &Displacement {
-        &self.displacement
+    /// Where the base would rest: of the pivot, and rotation.
+    pub const fn place(&self) -> &Displacement {
+        &self.place
     }
 
-    /// m/s, rad/s
+    /// The rate of that (m/s, rad/s).
     pub const fn rate(&self) -> &Displacement {
         &self.rate
+    }
+
+    /// Of the swing's centre, and rotation: what is to be added to the place of rest.
+    pub const fn swing(&self) -> &Displacement {
+        &self.swing
+    }
+
+    /// The rate of that (m/s, rad/s).
+    pub const fn swing_rate(&self) -> &Displacement {
+        &self.swing_rate
     }
 
     /// How good it is.
@@ -202,108 +229,76 @@ impl Estimate {
         let inverse = crossing(&-lever);
         let mut xx = transposed_product(&product(&inverse, &seen.noise), &inverse);
         mirror(&mut xx);
-        let Drift { speed, turn_rate, .. } = config.drift;
-        let mut vv = [[0.0; 6]; 6];
-        for (k, deviation) in (0..6).zip([speed, speed, speed, turn_rate, turn_rate, turn_rate]) {
-            vv[k][k] = deviation * deviation;
-        }
-        let covariance = Covariance { xx, xv: [[0.0; 6]; 6], vv };
-        Ok(Self { at: seen.at, displacement, rate: Displacement::zero(), covariance })
+        let swing = &config.swing;
+        let covariance = Covariance::alone(&xx, &config.drift, swing, crossing(&swing.lever(&config.pivot)));
+        let still = Displacement::zero();
+        Ok(Self { at: seen.at, place: displacement, rate: still, swing: still, swing_rate: still, covariance })
     }
 
-    /// Displacement and rates at a later time, if nothing is measured until then.
-    pub(super) fn ahead(&self, at: Nanos, drift: &Drift) -> (Displacement, Displacement) {
-        let lost = -libm::expm1(-seconds(self.at, at) / drift.time);
-        (self.displacement.moved(&self.rate, drift.time * lost), self.rate.scaled(1.0 - lost))
+    /// The base at a later time, if nothing is measured until then.
+    pub(super) fn ahead(&self, at: Nanos, config: &BaseConfig) -> Ahead {
+        let (next, _) = self.moved(at, config);
+        let displacement = next.place.with_swing(&next.swing, &config.swing.lever(&config.pivot));
+        Ahead { place: next.place, rate: next.rate, displacement }
+    }
+
+    /// The same estimate at a later time, but for its covariance.
+    fn moved(&self, at: Nanos, config: &BaseConfig) -> (Self, Turns) {
+        let dt = seconds(self.at, at);
+        let Drift { time, .. } = config.drift;
+        let lost = -libm::expm1(-dt / time);
+        let turns = config.swing.turns(dt);
+        let [swing, swing_rate] = swung(&turns, &self.swing, &self.swing_rate);
+        let (place, rate) = (self.place.moved(&self.rate, time * lost), self.rate.scaled(1.0 - lost));
+        (Self { at, place, rate, swing, swing_rate, ..*self }, turns)
     }
 
     /// The estimate at the measurement's stamp, moved towards it if that is not gated.
     ///
     /// The innovation is that of the target, where the noise is simple: the difference of positions, and the rotation vector
-    /// of R_measured·R_expectedᵀ. The target lies at the pivot plus a lever r that turns with the base, so that
-    /// H = \[I, −\[r\]×, 0, 0; 0, I, 0, 0\].
+    /// of R_measured·R_expectedᵀ. The target lies at the pivot plus a lever r that turns with the base, and the pivot at the
+    /// swing's centre plus a lever c, so that H = \[I, −\[r\]×, 0, 0, I, −\[r + c\]×, 0, 0; 0, I, 0, 0, 0, I, 0, 0\]: what a swing
+    /// turns of the place's own displacement is of second order and left out.
     pub(super) fn with(&self, seen: &Seen, config: &BaseConfig) -> Result<(Self, Verdict), EkfError> {
-        let mut next = *self;
-        next.at = seen.at;
-        (next.displacement, next.rate) = self.ahead(seen.at, &config.drift);
-        next.covariance.step(seconds(self.at, seen.at), &config.drift);
-        let turn = Pose::from_rotation_vector(Vector3::zeros(), next.displacement.rotation).rotation;
+        let (mut next, turns) = self.moved(seen.at, config);
+        next.covariance.step(seconds(self.at, seen.at), &config.drift, &config.swing, &turns);
+        let beside = config.swing.lever(&config.pivot);
+        let displacement = next.place.with_swing(&next.swing, &beside);
+        let turn = Pose::from_rotation_vector(Vector3::zeros(), displacement.rotation).rotation;
         let lever = turn * (seen.base_from_target.translation - config.pivot);
-        let expected = config.pivot + next.displacement.translation + lever;
+        let expected = config.pivot + displacement.translation + lever;
         let place = seen.nominal_from_target.translation - expected;
         let miss = Pose { rotation: seen.rotation * turn.transpose(), translation: place };
         let rotation = miss.rotation_vector();
         let mut y = [place.x, place.y, place.z, rotation.x, rotation.y, rotation.z];
-        let crossing = crossing(&lever);
-        let (hx, hv) = (product(&crossing, &next.covariance.xx), product(&crossing, &next.covariance.xv));
-        let mut s = transposed_product(&hx, &crossing);
+        let levers = [crossing(&lever), crossing(&(lever + beside))];
+        let mut rows = next.covariance.seen(&levers);
+        let mut s: Block<6> = [[0.0; 6]; 6];
+        for (s, [place, _, swing, _]) in s.iter_mut().zip(&rows) {
+            let [place, swing] = [(place, &levers[0]), (swing, &levers[1])].map(|(row, lever)| seen_by(row, lever));
+            for (s, (place, swing)) in s.iter_mut().zip(place.iter().zip(swing)) {
+                *s = place + swing;
+            }
+        }
         let [bend_place, bend_turn] = bend(&s);
         for (k, bend) in (0..6).zip([bend_place, bend_place, bend_place, bend_turn, bend_turn, bend_turn]) {
             add(&mut s[k], &seen.noise[k], 1.0);
             s[k][k] += bend;
         }
-        let mut rows: [[[f64; 6]; 2]; 6] = core::array::from_fn(|k| [hx[k], hv[k]]);
         let (verdict, weights) = judge(&mut rows, &mut s, &mut y)?;
         if verdict.is_taken() {
-            let (mut step, mut faster) = ([0.0; 6], [0.0; 6]);
-            for ([x, v], e) in rows.iter().zip(y) {
-                add(&mut step, x, e);
-                add(&mut faster, v, e);
+            let mut steps = [[0.0; 6]; 4];
+            for (row, e) in rows.iter().zip(y) {
+                add(steps.as_flattened_mut(), row.as_flattened(), e);
             }
-            next.displacement = next.displacement.moved(&Displacement::of(&step), 1.0);
-            next.rate = next.rate.plus(&Displacement::of(&faster));
+            let [place, rate, swing, swing_rate] = steps.each_ref().map(Displacement::of);
+            next.place = next.place.moved(&place, 1.0);
+            next.rate = next.rate.plus(&rate);
+            next.swing = next.swing.plus(&swing);
+            next.swing_rate = next.swing_rate.plus(&swing_rate);
             next.covariance.reduce(&rows, &weights);
         }
         Ok((next, verdict))
-    }
-}
-
-impl Covariance {
-    /// P ← F·P·Fᵀ + Q over `dt` s, F = \[I, a·I; 0, φ·I\] with φ = exp(−dt/τ) and a = τ·(1 − φ).
-    fn step(&mut self, dt: f64, drift: &Drift) {
-        let Self { xx, xv, vv } = self;
-        let (u, lost) = (dt / drift.time, -libm::expm1(-dt / drift.time));
-        let (a, kept) = (drift.time * lost, 1.0 - lost);
-        for i in 0..6 {
-            for j in i..6 {
-                let sum = xx[i][j] + a * (xv[i][j] + xv[j][i]) + a * a * vv[i][j];
-                xx[i][j] = sum;
-                xx[j][i] = sum;
-            }
-        }
-        for i in 0..6 {
-            for j in 0..6 {
-                xv[i][j] = kept * (xv[i][j] + a * vv[i][j]);
-                vv[i][j] *= kept * kept;
-            }
-        }
-        // With σ² the variance of a rate: ∫∫ of its correlation. The first is the difference of nearly equal numbers when u is
-        // small, so it has a series: Σ (−1)ⁿ⁺¹·(2ⁿ − 4)/n!·uⁿ from 3 on.
-        let series = 2.0 / 3.0 - u * (0.5 - u * (7.0 / 30.0 - u * (1.0 / 12.0 - u * (31.0 / 1260.0 - u / 160.0))));
-        let wandered = if u < 0.02 { u * u * u * series } else { 2.0 * u - 2.0 * lost - lost * lost };
-        for (k, deviation) in
-            (0..6).zip([drift.speed, drift.speed, drift.speed, drift.turn_rate, drift.turn_rate, drift.turn_rate])
-        {
-            let variance = deviation * deviation;
-            xx[k][k] += variance * drift.time * drift.time * wandered;
-            xv[k][k] += variance * drift.time * lost * lost;
-            vv[k][k] += variance * lost * (2.0 - lost);
-        }
-    }
-
-    /// P ← P − WᵀD⁻¹W, given 1/D.
-    fn reduce(&mut self, w: &[[[f64; 6]; 2]; 6], weights: &[f64; 6]) {
-        let Self { xx, xv, vv } = self;
-        for i in 0..6 {
-            for ([x, v], weight) in w.iter().zip(weights) {
-                let factor = weight * x[i];
-                subtract(&mut xx[i], x, factor);
-                subtract(&mut xv[i], v, factor);
-                subtract(&mut vv[i], v, weight * v[i]);
-            }
-        }
-        mirror(xx);
-        mirror(vv);
     }
 }
 
@@ -313,7 +308,7 @@ fn crossing(r: &Vector3<f64>) -> [[f64; 3]; 3] {
 }
 
 /// H·B.
-fn product(crossing: &[[f64; 3]; 3], block: &Block<6>) -> Block<6> {
+pub(super) fn product(crossing: &[[f64; 3]; 3], block: &Block<6>) -> Block<6> {
     let mut product = *block;
     let [_, _, _, a, b, c] = block;
     for (row, [x, y, z]) in product.iter_mut().zip(crossing) {
@@ -324,16 +319,19 @@ fn product(crossing: &[[f64; 3]; 3], block: &Block<6>) -> Block<6> {
     product
 }
 
+/// A row times Hᵀ.
+fn seen_by(row: &[f64; 6], crossing: &[[f64; 3]; 3]) -> [f64; 6] {
+    let [_, _, _, a, b, c] = *row;
+    let mut seen = *row;
+    for (value, [x, y, z]) in seen.iter_mut().zip(crossing) {
+        *value += x * a + y * b + z * c;
+    }
+    seen
+}
+
 /// B·Hᵀ.
 fn transposed_product(block: &Block<6>, crossing: &[[f64; 3]; 3]) -> Block<6> {
-    let mut product = *block;
-    for row in &mut product {
-        let [_, _, _, a, b, c] = *row;
-        for (value, [x, y, z]) in row.iter_mut().zip(crossing) {
-            *value += x * a + y * b + z * c;
-        }
-    }
-    product
+    block.map(|row| seen_by(&row, crossing))
 }
 
 #[cfg(test)]
@@ -369,54 +367,6 @@ mod tests {
                 let found = Displacement { translation: way, rotation: turn.rotation_vector() / 2e-5 };
                 let miss = found.plus(&Displacement::of(&h.map(|row| row[axis])).scaled(-1.0));
                 assert!(miss.translation.norm() < 1e-8 && miss.rotation.norm() < 1e-8, "{k} {axis}: {miss:?}");
-            }
-        }
-    }
-
-    /// Q of a rate with deviation 1 over T: ∫ g·gᵀ·2/τ ds with g(s) = [τ(1 − e^(−s/τ)), e^(−s/τ)], by Simpson's rule.
-    #[test]
-    fn process_noise_is_the_integral_at_any_step() {
-        let drift = Drift { speed: 1.0, turn_rate: 0.1, time: 2.0 };
-        for dt in [1e-5, 1e-3, 0.008, 0.039, 0.041, 0.3, 2.0, 10.0] {
-            let none = [[0.0; 6]; 6];
-            let mut covariance = Covariance { xx: none, xv: none, vv: none };
-            covariance.step(dt, &drift);
-            let (mut sums, count) = ([0.0; 3], 4000);
-            for k in 0..=count {
-                let s = dt * f64::from(k) / f64::from(count);
-                let weight = if k == 0 || k == count { 1.0 } else { 2.0 + 2.0 * f64::from(k % 2) };
-                let (x, v) = (-2.0 * libm::expm1(-s / 2.0), libm::exp(-s / 2.0));
-                for (sum, value) in sums.iter_mut().zip([x * x, x * v, v * v]) {
-                    *sum += weight * value * dt / (3.0 * f64::from(count));
-                }
-            }
-            let found = [covariance.xx[1][1], covariance.xv[1][1], covariance.vv[1][1]];
-            for (found, sum) in found.iter().zip(sums) {
-                assert!((found / sum - 1.0).abs() < 1e-10, "{dt}: {found:e} {sum:e}");
-            }
-            assert!((covariance.xx[4][4] / covariance.xx[1][1] - 0.01).abs() < 1e-12);
-        }
-    }
-
-    #[test]
-    fn two_steps_are_one_of_their_length() {
-        let drift = Drift { speed: 3e-3, turn_rate: 1e-4, time: 2.0 };
-        let start = {
-            let mut block = [[0.0; 6]; 6];
-            for i in 0..6 {
-                for j in 0..6 {
-                    block[i][j] = 1e-8 / (1.0 + (i as f64 - j as f64) * (i as f64 - j as f64));
-                }
-            }
-            Covariance { xx: block, xv: block, vv: block }
-        };
-        let (mut once, mut twice) = (start, start);
-        once.step(0.5, &drift);
-        twice.step(0.007, &drift);
-        twice.step(0.493, &drift);
-        for (a, b) in [(once.xx, twice.xx), (once.xv, twice.xv), (once.vv, twice.vv)] {
-            for (a, b) in a.iter().flatten().zip(b.iter().flatten()) {
-                assert!((a - b).abs() < 1e-12 * a.abs().max(1e-8), "{a:e} {b:e}");
             }
         }
     }

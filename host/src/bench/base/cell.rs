@@ -1,6 +1,7 @@
 //! What a plant is controlled with: the same for every plant of a kind, but for what a cell's registration and a test of the
-//! link would have found (where base, target and tool are, dead time, sensors' noise).
+//! link would have found (where base, target and tool are, dead time, sensors' noise), and what [`super::commission`] finds.
 
+use super::commission::Commissioned;
 use crate::sim::plant::{Kind, Params, ROTATION_DEVIATION, position_deviation};
 use nalgebra::Vector3;
 use screed_kernel::base::{BaseConfig, BaseLimits, Drift};
@@ -32,40 +33,43 @@ pub const BOUNDS: Bounds = Bounds {
     patience: 2.0,
 };
 
-/// What is different for the kinds. A crane swings at 1.5 to 6 Hz with little damping, and the arm that follows it swings it: what
-/// follows the base there has to be slow, and so does the feedback.
+/// What is different for the kinds. A crane swings at 1.5 to 6 Hz with little damping, and feedback that moves the arm moves the crane:
+/// there it has to be slow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Tuning {
     /// Where the loop crosses 1 (rad/s): deposit, travel, mill.
     crossover: [f64; 3],
-    /// What links do beside the encoders, as the base's estimate takes it (rad).
-    joint_deviation: f64,
     /// The same as the filter takes it.
     encoder_deviation: f64,
     /// Density of the joints' jerk beside the commanded (rad²/s⁵).
     jerk_density: f64,
     /// How long the base moves one way (s).
     drift_time: f64,
+    /// How far it swings: shift (m), turn (rad).
+    swing: [f64; 2],
 }
 
 const fn tuning(kind: Kind) -> Tuning {
     match kind {
         Kind::Nj130 => Tuning {
             crossover: [0.1, 0.05, 0.1],
-            joint_deviation: 8e-2,
             encoder_deviation: 1e-4,
             jerk_density: 0.1,
-            drift_time: 3.0,
+            drift_time: 2.5,
+            swing: [5e-5, 2e-4],
         },
         Kind::Ur10e => Tuning {
             crossover: [1.0, 0.5, 1.0],
-            joint_deviation: 3e-4,
             encoder_deviation: 3e-4,
             jerk_density: 1.0,
             drift_time: 1.0,
+            swing: [5e-5, 1e-4],
         },
     }
 }
+
+/// How much more the wrist's links do beside their encoders.
+const SOFTNESS: [f64; 6] = [1.0, 1.0, 1.0, 3.0, 3.0, 3.0];
 
 /// Time constant of the filter of the loop (s).
 const FILTER: f64 = 0.02;
@@ -86,6 +90,11 @@ pub const fn kind(seed: u64) -> Kind {
     if seed.is_multiple_of(2) { Kind::Nj130 } else { Kind::Ur10e }
 }
 
+/// How far a kind's base swings, as its estimate takes it: shift (m) and turn (rad).
+pub const fn swing_deviations(kind: Kind) -> [f64; 2] {
+    tuning(kind).swing
+}
+
 /// The gains of all joints, by process.
 pub fn gains(kind: Kind) -> ByProcess<[Gains; 6]> {
     let [deposit, travel, mill] =
@@ -94,7 +103,7 @@ pub fn gains(kind: Kind) -> ByProcess<[Gains; 6]> {
 }
 
 /// What a plant's estimator knows.
-pub fn estimator(kind: Kind, params: &Params) -> EstimatorConfig<6> {
+pub fn estimator(kind: Kind, params: &Params, found: &Commissioned) -> EstimatorConfig<6> {
     let tuning = tuning(kind);
     let pivot = (params.arm.forward(&params.start) * params.flange_from_tcp).translation;
     EstimatorConfig {
@@ -102,7 +111,8 @@ pub fn estimator(kind: Kind, params: &Params) -> EstimatorConfig<6> {
             tracker_from_nominal: params.tracker_from_nominal,
             flange_from_target: params.flange_from_target,
             pivot,
-            drift: Drift { speed: 3e-3, turn_rate: 3e-4, time: tuning.drift_time },
+            drift: Drift { speed: 3e-3, turn_rate: 2e-4, time: tuning.drift_time },
+            swing: found.swing,
             hold: 0.5,
             agreeing: 20,
             limits: BaseLimits {
@@ -117,7 +127,7 @@ pub fn estimator(kind: Kind, params: &Params) -> EstimatorConfig<6> {
         },
         jerk_density: [tuning.jerk_density; 6],
         encoder_deviation: JointPos([tuning.encoder_deviation; 6]),
-        joint_deviation: JointPos([tuning.joint_deviation; 6]),
+        joint_deviation: JointPos(SOFTNESS.map(|softer| softer * found.joint_deviation)),
         rate_deviation: JointVel([2e-3; 6]),
         start_deviation: State {
             position: JointPos([1e-2; 6]),
@@ -141,11 +151,13 @@ pub enum CellError {
 ///
 /// # Errors
 /// [`CellError`]
-pub fn closed_loop(kind: Kind, params: &Params, tracked: bool) -> Result<Loop, CellError> {
+pub fn closed_loop(kind: Kind, params: &Params, tracked: Option<&Commissioned>) -> Result<Loop, CellError> {
     let period = params.period_ns as f64 * 1e-9;
     let dead_time = params.dead_time_ns as f64 * 1e-9;
-    let estimator =
-        tracked.then(|| Estimator::new(&estimator(kind, params))).transpose().map_err(CellError::Estimator)?;
+    let estimator = tracked
+        .map(|found| Estimator::new(&estimator(kind, params, found)))
+        .transpose()
+        .map_err(CellError::Estimator)?;
     let settings = Settings {
         gains: gains(kind),
         bounds: ByProcess { deposit: BOUNDS, travel: BOUNDS, mill: BOUNDS },

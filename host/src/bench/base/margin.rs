@@ -6,9 +6,11 @@
 //! L = C·P − (1 + C)·S at e^(jωh). One joint at a time; the other five are not controlled meanwhile.
 
 use super::cell::{self, CellError};
+use super::commission::Commissioned;
+use super::report::{GAIN_DB, PHASE, SENSITIVITY};
 use crate::sim::plant::{Kind, Params, Plant};
 use nalgebra::Complex;
-use screed_kernel::estimator::{Estimator, Robot};
+use screed_kernel::estimator::{Estimator, EstimatorConfig, Robot};
 use screed_kernel::ik::Family;
 use screed_kernel::pid::{ByProcess, Gains};
 use screed_kernel::units::JointPos;
@@ -36,6 +38,11 @@ pub struct Margin {
 
 impl Margin {
     const BEST: Self = Self { sensitivity: 1.0, gain: f64::INFINITY, phase: std::f64::consts::PI };
+
+    /// Whether it is as large as is wanted.
+    pub fn is_kept(&self) -> bool {
+        self.sensitivity <= SENSITIVITY && 20.0 * self.gain.log10() >= GAIN_DB && self.phase >= PHASE
+    }
 
     fn worst(self, other: Self) -> Self {
         Self {
@@ -70,26 +77,46 @@ impl Margin {
 ///
 /// # Errors
 /// [`CellError`]
-pub fn of(kind: Kind, params: &Params, seed: u64) -> Result<Margin, CellError> {
+pub fn of(kind: Kind, params: &Params, seed: u64, found: &Commissioned) -> Result<Margin, CellError> {
+    let mut margin = Margin::BEST;
+    for joint in 0..6 {
+        margin = margin.worst(of_joint(kind, params, seed, found, joint)?);
+    }
+    Ok(margin)
+}
+
+/// Whether every loop of a plant keeps its margin.
+///
+/// # Errors
+/// [`CellError`]
+pub fn is_kept(kind: Kind, params: &Params, seed: u64, found: &Commissioned) -> Result<bool, CellError> {
+    for joint in 0..6 {
+        if !of_joint(kind, params, seed, found, joint)?.is_kept() {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// The worst over processes.
+fn of_joint(kind: Kind, params: &Params, seed: u64, found: &Commissioned, joint: usize) -> Result<Margin, CellError> {
     let params = quiet(params);
     let ByProcess { deposit, travel, mill } = cell::gains(kind);
     let period = params.period_ns as f64 * 1e-9;
     let ratio = (HIGHEST / LOWEST).powf(1.0 / (FREQUENCIES - 1) as f64);
     let frequencies: Vec<f64> = (0..FREQUENCIES).map(|k| LOWEST * ratio.powi(k as i32)).collect();
+    let responses = responses(&cell::estimator(kind, &params, found), &params, seed, joint, &frequencies)?;
     let mut margin = Margin::BEST;
-    for joint in 0..6 {
-        let responses = responses(kind, &params, seed, joint, &frequencies)?;
-        for gains in [&deposit, &travel, &mill] {
-            let loops: Vec<_> = frequencies
-                .iter()
-                .zip(&responses)
-                .map(|(frequency, [estimate, shift])| {
-                    let controller = controller(&gains[joint], *frequency, period);
-                    controller * estimate - (controller + 1.0) * shift
-                })
-                .collect();
-            margin = margin.worst(Margin::of(&loops));
-        }
+    for gains in [&deposit, &travel, &mill] {
+        let loops: Vec<_> = frequencies
+            .iter()
+            .zip(&responses)
+            .map(|(frequency, [estimate, shift])| {
+                let controller = controller(&gains[joint], *frequency, period);
+                controller * estimate - (controller + 1.0) * shift
+            })
+            .collect();
+        margin = margin.worst(Margin::of(&loops));
     }
     Ok(margin)
 }
@@ -116,14 +143,13 @@ fn controller(gains: &Gains, frequency: f64, h: f64) -> Complex<f64> {
 
 /// What estimate and shift of a joint do to its step, by frequency.
 fn responses(
-    kind: Kind,
+    config: &EstimatorConfig<6>,
     params: &Params,
     seed: u64,
     joint: usize,
     frequencies: &[f64],
 ) -> Result<Vec<[Complex<f64>; 2]>, CellError> {
-    let config = cell::estimator(kind, params);
-    let mut estimator = Estimator::<6, { cell::DEPTH }>::new(&config).map_err(CellError::Estimator)?;
+    let mut estimator = Estimator::<6, { cell::DEPTH }>::new(config).map_err(CellError::Estimator)?;
     let (mut plant, family, arm) = (Plant::new(params, seed), Family::of(params.arm), params.arm);
     let period = params.period_ns as f64 * 1e-9;
     let [before, after] = [BEFORE, AFTER].map(|time| (time / period) as usize);

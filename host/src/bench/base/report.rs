@@ -1,6 +1,5 @@
 //! The figures as a table and as JSON.
 
-use super::trial::Correction;
 use super::{CORRECTIONS, Errors, SPEEDS, Score};
 use crate::sim::plant::Kind;
 use serde_json::{Value, json};
@@ -26,16 +25,7 @@ fn quantile(mut values: Vec<f64>, part: f64) -> f64 {
 
 /// Whether a plant's loops are as stable as is wanted.
 pub fn is_stable(score: &Score) -> bool {
-    let margin = &score.margin;
-    margin.sensitivity <= SENSITIVITY && 20.0 * margin.gain.log10() >= GAIN_DB && margin.phase >= PHASE
-}
-
-fn name(correction: Correction) -> &'static str {
-    match correction {
-        Correction::Off => "off",
-        Correction::Lead => "lead only",
-        Correction::On => "on",
-    }
+    score.margin.is_kept()
 }
 
 /// Share of the plants that keep the aim in a figure.
@@ -76,7 +66,7 @@ pub fn table(scores: &[Score]) -> String {
                 out += &format!(
                     "{:<10}{:<11}{}{}{}{}{}  {:.0} %, {:.0} %\n",
                     format!("{:.0} mm/s", 1e3 * speed),
-                    name(*correction),
+                    correction,
                     cell(|errors| errors.absolute[0]),
                     cell(|errors| errors.absolute[1]),
                     cell(|errors| errors.timed[0]),
@@ -135,7 +125,7 @@ pub fn json(scores: &[Score]) -> Value {
     let plants = scores.iter().map(|score| {
         let runs = SPEEDS.iter().zip(&score.errors).flat_map(|(speed, row)| {
             CORRECTIONS.iter().zip(row).map(move |(correction, found)| {
-                json!({ "speed_m_s": speed, "correction": name(*correction), "errors": errors(found) })
+                json!({ "speed_m_s": speed, "correction": correction, "errors": errors(found) })
             })
         });
         json!({

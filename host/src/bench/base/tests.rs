@@ -20,9 +20,10 @@ fn a_plant_of_each_kind_is_stable_and_better_with_its_corrections() {
 
 #[test]
 fn a_run_is_the_same_again() {
+    let params = Params::random(Kind::Ur10e, 7);
+    let found = commission::commission(Kind::Ur10e, &params, 7).unwrap_or_else(|error| panic!("{error:?}"));
     let once = || {
-        let params = Params::random(Kind::Ur10e, 7);
-        let run = trial::run(Kind::Ur10e, &params, 7, (0.1, 1.0), Correction::On, |_, _| {});
+        let run = trial::run(Kind::Ur10e, &params, 7, (0.1, 1.0), Correction::On(found), |_, _| {});
         run.map(|run| run.sent).unwrap_or_default()
     };
     assert!(!once().is_empty() && once() == once());

@@ -1,6 +1,7 @@
 //! One run: a plant is led along a circle by a kernel and its loop.
 
 use super::cell::{self, CellError, Loop};
+use super::commission::Commissioned;
 use crate::sim::plant::{Kind, Params, Plant};
 use nalgebra::Vector3;
 use screed_kernel::fault::Fault;
@@ -21,14 +22,14 @@ const WARM_UP: usize = 1000;
 const RING: usize = 4096;
 
 /// What the loop has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Correction {
     /// Nothing: the setpoints go to the drives as they are.
     Off,
     /// The lead, and nothing of the tracker.
     Lead,
-    /// All of it.
-    On,
+    /// All of it, by what the plant's commissioning found.
+    On(Commissioned),
 }
 
 /// Why there is no run.
@@ -177,8 +178,8 @@ pub fn run(
     kernel.receive(&encoded(&ToKernel::Configure(cell::configure(params)))?);
     let closed = match correction {
         Correction::Off => None,
-        Correction::Lead => Some(cell::closed_loop(kind, params, false).map_err(TrialError::Cell)?),
-        Correction::On => Some(cell::closed_loop(kind, params, true).map_err(TrialError::Cell)?),
+        Correction::Lead => Some(cell::closed_loop(kind, params, None).map_err(TrialError::Cell)?),
+        Correction::On(found) => Some(cell::closed_loop(kind, params, Some(&found)).map_err(TrialError::Cell)?),
     };
     let mut world = World { plant: Plant::new(params, seed), kernel, closed, measured: None, trusted: false };
     // At the first tick the kernel learns where the robot is.

@@ -1,0 +1,145 @@
+//! What tests at a plant's commissioning find: how its base swings, and how fast the base may be followed.
+//!
+//! Both are done in calm, the crane standing still but for what the arm does to it.
+
+use super::cell::{self, CellError};
+use super::margin;
+use crate::sim::plant::{Kind, Params, Plant};
+use nalgebra::{SMatrix, SVector, Vector3};
+use screed_kernel::base::swing::{Swing, SwingMode};
+use screed_kernel::pose::Pose;
+use screed_kernel::units::JointPos;
+
+/// What is found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Commissioned {
+    /// How the base swings, about the base's origin.
+    pub swing: Swing,
+    /// What links do beside the encoders, as the base's estimate takes it (rad): the larger, the slower it is.
+    pub joint_deviation: f64,
+}
+
+/// From the fastest to the slowest that is tried (rad).
+const DEVIATIONS: [f64; 11] = [3e-4, 4e-4, 5e-4, 7e-4, 9e-4, 1.2e-3, 1.6e-3, 2.2e-3, 3e-3, 5e-3, 1e-2];
+
+/// The kick: joints 1 to 3 go this far at once (rad).
+const KICK: f64 = 0.01;
+/// When it is over, and for how long the swing is looked at then (s).
+const SETTLED: f64 = 0.6;
+const LOOKED: f64 = 4.0;
+/// What frequencies are looked for, and in what steps at first (rad/s).
+const FREQUENCIES: std::ops::Range<f64> = 6.0..56.0;
+const STEP: f64 = 0.25;
+const DAMPINGS: [f64; 5] = [0.02, 0.035, 0.05, 0.07, 0.1];
+
+/// Finds both: of [`DEVIATIONS`] the first with which every loop keeps its margins, or the last.
+///
+/// # Errors
+/// [`CellError`]
+pub fn commission(kind: Kind, params: &Params, seed: u64) -> Result<Commissioned, CellError> {
+    let [shift, turn] = cell::swing_deviations(kind);
+    let mut modes = [SwingMode::STILL; 6];
+    let deviations = [shift, shift, shift, turn, turn, turn];
+    for ((mode, [frequency, damping]), deviation) in modes.iter_mut().zip(swings(params, seed)).zip(deviations) {
+        *mode = SwingMode { frequency, damping, deviation };
+    }
+    let mut found = Commissioned { swing: Swing { centre: Vector3::zeros(), modes }, joint_deviation: 0.0 };
+    for deviation in DEVIATIONS {
+        found.joint_deviation = deviation;
+        if margin::is_kept(kind, params, seed, &found)? {
+            break;
+        }
+    }
+    Ok(found)
+}
+
+/// Frequency (rad/s) and damping ratio of each axis, from how the base swings after a kick.
+fn swings(params: &Params, seed: u64) -> [[f64; 2]; 6] {
+    let mut calm = params.clone();
+    (calm.base.drift_speed, calm.base.turn_speed, calm.base.step_interval) = (0.0, 0.0, f64::INFINITY);
+    calm.tracker.break_interval = f64::INFINITY;
+    let mut plant = Plant::new(&calm, seed);
+    let nominal_from_tracker = calm.tracker_from_nominal.inverse();
+    let target_from_flange = calm.flange_from_target.inverse();
+    let mut command = calm.start;
+    (0..3).for_each(|joint| command.0[joint] += KICK);
+    let period = calm.period_ns as f64 * 1e-9;
+    let mut seen: Vec<(f64, [f64; 6])> = Vec::new();
+    for _ in 0..((SETTLED + LOOKED) / period) as usize {
+        let measured = plant.step(&command);
+        // Encoders hardly move any more: those of now will do for a pose of some milliseconds ago.
+        let base_from_flange = calm.arm.forward(&JointPos(measured.joints.0));
+        for pose in measured.poses {
+            let time = pose.at.0 as f64 * 1e-9 - SETTLED;
+            let nominal_from_flange = nominal_from_tracker * pose.tracker_from_target * target_from_flange;
+            if time >= 0.0 {
+                seen.push((time, parts(&(nominal_from_flange * base_from_flange.inverse()))));
+            }
+        }
+    }
+    std::array::from_fn(|axis| {
+        let values: Vec<_> = seen.iter().map(|(time, parts)| (*time, parts[axis])).collect();
+        fitted(&values)
+    })
+}
+
+fn parts(pose: &Pose) -> [f64; 6] {
+    let (way, turn) = (pose.translation, pose.rotation_vector());
+    [way.x, way.y, way.z, turn.x, turn.y, turn.z]
+}
+
+/// The damped oscillation about a slow curve that leaves least of these values: first on a grid, then ever finer about the best.
+fn fitted(values: &[(f64, f64)]) -> [f64; 2] {
+    let count = ((FREQUENCIES.end - FREQUENCIES.start) / STEP) as usize;
+    let grid = (0..count).flat_map(|k| DAMPINGS.map(|damping| [FREQUENCIES.start + STEP * k as f64, damping]));
+    // Every fourth value will do for the grid.
+    let few: Vec<_> = values.iter().copied().step_by(4).collect();
+    let mut best = least(&few, grid);
+    let mut step = [STEP, 0.01];
+    for _ in 0..6 {
+        let [f, d] = best;
+        let around = [-1.0, -0.5, 0.0, 0.5, 1.0];
+        let near = around.iter().flat_map(|i| around.map(|j| [f + i * step[0], (d + j * step[1]).clamp(0.005, 0.3)]));
+        best = least(values, near);
+        step = step.map(|step| 0.5 * step);
+    }
+    best
+}
+
+fn least(values: &[(f64, f64)], candidates: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
+    let scored = candidates.map(|candidate| (left(values, candidate), candidate));
+    scored.min_by(|a, b| a.0.total_cmp(&b.0)).map_or([f64::NAN; 2], |(_, best)| best)
+}
+
+/// Sum of squares that 1, t, t² and a damped oscillation leave of the values, by the normal equations.
+fn left(values: &[(f64, f64)], [frequency, damping]: [f64; 2]) -> f64 {
+    let turning = frequency * (1.0 - damping * damping).sqrt();
+    let (mut normal, mut right, mut square) = (SMatrix::<f64, 5, 5>::zeros(), SVector::<f64, 5>::zeros(), 0.0);
+    for (time, value) in values {
+        let (sin, cos) = (turning * time).sin_cos();
+        let swing = (-damping * frequency * time).exp();
+        let row = SVector::from([1.0, *time, time * time, swing * cos, swing * sin]);
+        normal += row * row.transpose();
+        right += row * *value;
+        square += value * value;
+    }
+    normal.cholesky().map_or(f64::INFINITY, |normal| square - right.dot(&normal.solve(&right)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The plant knows what it is made of; the test sees it with the sensors' noise.
+    #[test]
+    fn a_kick_tells_how_the_base_swings() {
+        for seed in 0..6 {
+            let params = Params::random(cell::kind(seed), seed);
+            for (axis, [frequency, damping]) in swings(&params, seed).into_iter().enumerate() {
+                let (is, damped) = (params.base.frequency[axis], params.base.damping);
+                assert!((frequency / is - 1.0).abs() < 0.03, "plant {seed}, axis {axis}: {frequency} rad/s, is {is}");
+                assert!((damping - damped).abs() < 0.03, "plant {seed}, axis {axis}: damping {damping}, is {damped}");
+            }
+        }
+    }
+}
