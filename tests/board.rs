@@ -8,12 +8,15 @@ use screed::run::job::{JobError, Outcome};
 use screed::run::session::{Session, SessionError, Step, Wishes};
 use screed_firmware::{BYTES_MAX, Drives, FollowingDrives, Node, START};
 use screed_fixtures::{QuarterCircle, quarter_circle};
-use screed_kernel::arms::ur::UR10E;
+use screed_kernel::arms::ur::{UR5E, UR10E};
 use screed_kernel::frame::ModeCode;
 use screed_kernel::units::{JointPos, Nanos};
 use serialport::{SerialPort, TTYPort};
 use std::collections::VecDeque;
+use std::io::{Read, Write};
 use std::process::{Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
 
 /// Small, seeded, good enough to spoil bytes (Marsaglia, "Xorshift RNGs", 2003).
 struct Random(u64);
@@ -240,6 +243,8 @@ fn a_board_puts_out_the_bits_that_screed_rt_does() {
         assert_eq!(run.result.unwrap(), Outcome::Complete);
         assert_eq!((run.board.put_out, run.board.skipped, run.said_again, run.spoilt), (run.planned, 0, 0, 0));
         assert_eq!(run.board.hash, in_virtual_time(&scene, rate_hz), "{rate_hz} Hz");
+        // The board paced itself as the host's configuration says.
+        assert_eq!(run.board.node.period_ns(), 1_000_000_000 / u64::from(rate_hz));
     }
 }
 
@@ -327,6 +332,50 @@ fn print_over(device: &str, more: &[&str]) -> (Option<i32>, String) {
     command.args(["print", &model, "--cell", &cell, "--yes", "--board", device]).args(more);
     let output = command.stdin(Stdio::null()).output().unwrap();
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+/// A board that runs for so many ticks in real time; ends when its line is closed or all are over.
+fn board_at(mut line: TTYPort, mut node: Box<Node<6>>, ticks: u64) {
+    thread::spawn(move || {
+        let (begun, mut arm, mut to_host) = (Instant::now(), FollowingDrives(START), Vec::new());
+        for tick in 1..=ticks {
+            thread::sleep(Duration::from_millis(8 * tick).saturating_sub(begun.elapsed()));
+            let now = Nanos(begun.elapsed().as_nanos() as u64);
+            let mut bytes = [0; BYTES_MAX];
+            let heard = if line.bytes_to_read().unwrap_or(0) > 0 { line.read(&mut bytes).unwrap_or(0) } else { 0 };
+            let command = node.cycle(now, 0, &bytes[..heard], &Drives { actual: arm.0, ready: true });
+            arm.follow(&command);
+            node.report(now, now, |frames| to_host.extend_from_slice(frames));
+            // Where nobody reads, a line loses what is sent.
+            let _ = line.write(&to_host);
+            to_host.clear();
+        }
+        // Silent, but not closed.
+        thread::sleep(Duration::from_secs(10));
+    });
+}
+
+#[test]
+fn a_board_for_another_arm_is_refused_before_anything_moves() {
+    let (board, line) = TTYPort::pair().unwrap();
+    let device = line.name().unwrap();
+    drop(line);
+    board_at(board, Box::new(Node::new(&UR5E)), 2_000);
+    let (code, said) = print_over(&device, &[]);
+    assert_eq!(code, Some(3), "{said}");
+    assert!(said.contains("expected \"board, ur10e\", found \"board, ur5e\"") && !said.contains("approach"), "{said}");
+}
+
+#[test]
+fn a_board_that_falls_silent_is_named() {
+    let (board, line) = TTYPort::pair().unwrap();
+    let device = line.name().unwrap();
+    drop(line);
+    board_at(board, Box::new(Node::new(&UR10E)), 500);
+    let (code, said) = print_over(&device, &[]);
+    assert_eq!(code, Some(4), "{said}");
+    assert!(said.contains(&format!("the board at {device} has said nothing for 2 s")), "{said}");
+    assert!(said.contains("approach"), "it had begun: {said}");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The timed print: starts or finds `screed-rt`, drives a [`Session`] over its socket, and keeps a person informed.
+//! The timed print: starts or finds `screed-rt` or a board, drives a [`Session`] over its wire, and keeps a person informed.
 
 use crate::config::Cell;
 use crate::failure::{Exit, Failure};
@@ -225,7 +225,7 @@ impl Driver {
                 session.stop();
             }
             if stopping.is_some_and(|since| since.elapsed() > STOP_PATIENCE) {
-                let message = "screed-rt does not say that the arm rests";
+                let message = "the kernel does not say that the arm rests";
                 return Err(Failure::new(Exit::SafetyStop, message, "use the emergency stop if the arm moves"));
             }
             if !print.quiet {
@@ -329,7 +329,7 @@ impl Driver {
 
     /// Shows the fault that the process stands in and asks whether to leave it.
     fn ask_rearm(&mut self, report: &FaultReport, print: &Print<'_>) -> Receiver<bool> {
-        note!("screed-rt stands in fault {}, {}", report.number, words::fault(&report.fault));
+        note!("the kernel stands in fault {}, {}", report.number, words::fault(&report.fault));
         note!("remedy: {}", report.fault.action());
         if print.yes {
             let (sender, receiver) = mpsc::channel();
