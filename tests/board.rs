@@ -37,6 +37,8 @@ enum Line {
     Spoils(Random, u64),
     /// Loses the bytes of this frame, counted from 0.
     Loses(usize, usize),
+    /// Loses two of three answers to batches; the frame so far, and how many there were.
+    LosesAccepted(Vec<u8>, u32),
 }
 
 impl Line {
@@ -54,6 +56,18 @@ impl Line {
                     arrived.push_back(byte);
                 }
                 *at += usize::from(byte == 0);
+            }
+            Self::LosesAccepted(frame, count) => {
+                frame.push(byte);
+                if byte == 0 {
+                    // Behind the code of COBS: version 1.0, message 1.
+                    let accepted = matches!(frame.as_slice(), [code, 0x10, 1, ..] if *code > 2);
+                    *count += u32::from(accepted);
+                    if !accepted || count.is_multiple_of(3) {
+                        arrived.extend(frame.iter());
+                    }
+                    frame.clear();
+                }
             }
         }
     }
@@ -158,7 +172,7 @@ impl Scene {
         let wishes =
             Wishes { plan: PlanOptions { from_layer: 0, layers: Some(1), dry: false }, stop_after: plot.stop_after };
         let mut session = Session::new(&self.cell, &self.model, wishes, None);
-        session.job().over_a_line();
+        session.job().over_a_line(921_600);
         let mut board = Board::new();
         let (mut to_board, mut to_host) = (VecDeque::new(), VecDeque::new());
         let (mut planned, mut frames) = (u32::MAX, 0);
@@ -300,6 +314,16 @@ fn whichever_frame_is_lost_the_host_says_it_again() {
         let run = scene.print(Plot { back: Line::Loses(frame, 0), stop_after, ..SOUND });
         assert_eq!(run.result.unwrap(), Outcome::Stopped, "frame {frame} back");
         assert!(run.board.rests && run.board.skipped == 0, "frame {frame} back");
+    }
+}
+
+#[test]
+fn a_batch_whose_answer_is_lost_is_answered_by_a_status_or_sent_again() {
+    for rate_hz in [125, 500] {
+        let scene = Scene::new(rate_hz);
+        let run = scene.print(Plot { back: Line::LosesAccepted(Vec::new(), 0), ..SOUND });
+        assert_eq!(run.result.unwrap(), Outcome::Complete, "{rate_hz} Hz");
+        assert_eq!((run.board.put_out, run.board.skipped), (run.planned, 0));
     }
 }
 

@@ -49,8 +49,9 @@ impl<const N: usize> Node<N> {
         self.kernel.tick_period_ns().unwrap_or(PERIOD_NS)
     }
 
-    /// One cycle: takes what came of the host since the last, at most [`BYTES_MAX`] bytes, and moves on by one period. `begun` is
-    /// the board's clock, `missed` how many periods went by since the last cycle without one. Returns what to put out.
+    /// One cycle: takes what came of the host since the last, at most [`BYTES_MAX`] bytes (what is over is lost, as on the line),
+    /// and moves on by one period. `begun` is the board's clock, `missed` how many periods went by since the last cycle without
+    /// one. Returns what to put out.
     pub fn cycle(&mut self, begun: Nanos, missed: u32, bytes: &[u8], drives: &Drives<N>) -> Command<N> {
         self.kernel.receive(bytes);
         let command = self.kernel.tick(begun, &Sensors::robot(drives.actual, drives.ready));

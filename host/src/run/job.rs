@@ -137,8 +137,9 @@ pub struct Job {
     /// The batch whose answer has not come.
     unanswered: Option<u32>,
     batches: u32,
-    /// Last setpoint of the last batch sent.
+    /// Last setpoint of the last batch sent, and of the one before.
     end_seq: u32,
+    end_seq_before: u32,
     /// Last setpoint of that batch's path: from there on the next batch takes over, so that only this far the ring is filled.
     path_end: u32,
     started: bool,
@@ -172,6 +173,7 @@ impl Job {
             unanswered: None,
             batches: 0,
             end_seq: 0,
+            end_seq_before: 0,
             path_end: 0,
             started: false,
             exhausted: false,
@@ -186,9 +188,10 @@ impl Job {
         job
     }
 
-    /// The frames go over a line that may spoil bytes: spoilt ones are counted, and what is not answered is said again.
-    pub fn over_a_line(&mut self) {
-        self.resend = Some(Resend::default());
+    /// The frames go over a line of `baud` bits a second that may spoil bytes: spoilt ones are counted, and what is not answered
+    /// is said again.
+    pub fn over_a_line(&mut self, baud: u32) {
+        self.resend = Some(Resend::new(baud));
         // Ends whatever an earlier host left half said.
         self.out.insert(0, 0);
     }
@@ -346,6 +349,8 @@ impl Job {
                 // An answer to what was said again and has been answered.
                 _ if batch != 0 && self.unanswered != Some(batch) => return Ok(()),
                 Refusal::Stale | Refusal::Mode if batch == 0 && resend.is_repeated() => return Ok(()),
+                // It is there already, and has no room beside itself.
+                Refusal::Full if resend.is_repeated() => return Ok(()),
                 _ => {}
             }
         }
@@ -412,7 +417,13 @@ impl Job {
         if before.is_some_and(|before| status.tick < before.tick) {
             return Err(JobError::Reset);
         }
-        if answered {
+        // A status that tells of the batch's end is as good as the answer to it.
+        let arrived =
+            self.unanswered.is_some() && status.end_seq == self.end_seq && self.end_seq != self.end_seq_before;
+        if arrived {
+            self.unanswered = None;
+        }
+        if answered || arrived {
             resend.answered();
         }
         match resend.on_status(status.tick, status.frames_broken, self.configure.tick_period_ns) {
@@ -471,6 +482,7 @@ impl Job {
                 self.out.extend_from_slice(&next.frames);
                 self.expect_answer(begins);
                 self.unanswered = Some(next.batch);
+                self.end_seq_before = self.end_seq;
                 (self.path_end, self.end_seq) = (next.path_end, next.end_seq);
                 return Ok(());
             }

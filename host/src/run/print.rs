@@ -124,8 +124,8 @@ pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
     let log = open_log(print)?;
     let Attached { wire, process, place } = attached;
     let mut session = Session::new(print.cell, print.model, print.wishes.clone(), log);
-    if wire.is_line() {
-        session.job().over_a_line();
+    if let Some(baud) = wire.baud() {
+        session.job().over_a_line(baud);
     } else if !print.quiet {
         note!("screed-rt answers at {}; should this program be lost, attach another with --attach", place.display());
     }
@@ -245,7 +245,7 @@ impl Driver {
         if count > 0 {
             self.heard = Instant::now();
             session.handle_bytes(bytes.get(..count).unwrap_or(&[]))?;
-        } else if self.wire.is_line() && self.heard.elapsed() > SILENCE {
+        } else if self.wire.baud().is_some() && self.heard.elapsed() > SILENCE {
             return Err(self.silent(greeted));
         }
         let out = session.poll_transmit()?;
@@ -258,7 +258,7 @@ impl Driver {
     fn check_board(&self, session: &mut Session<'_>, cell: &Cell) -> Result<(), Failure> {
         let expected = format!("board, {}", cell.robot.model);
         match session.job().process() {
-            Some((_, note)) if self.wire.is_line() && note != expected => {
+            Some((_, note)) if self.wire.baud().is_some() && note != expected => {
                 let message = format!("the board at {}: expected {expected:?}, found {note:?}", self.place.display());
                 Err(Failure::new(
                     Exit::Input,
@@ -272,7 +272,7 @@ impl Driver {
 
     /// What it means that the wire was closed.
     fn gone(&self, greeted: bool) -> Failure {
-        if self.wire.is_line() {
+        if self.wire.baud().is_some() {
             let message = format!("the serial line {} was closed", self.place.display());
             return Failure::new(Exit::Link, message, "plug it in again; the arm rests at the end of what it was sent");
         }

@@ -8,8 +8,8 @@ use serde::Serialize;
 /// How long something is said again and again before the line is given up (ns of the kernel's time). A batch has no such time:
 /// the ring is played to its end before.
 const GIVE_UP_NS: u64 = 10_000_000_000;
-/// How long an answer may take before it is said again (ns of the kernel's time): longer than a batch is on its way, 4,000 bytes
-/// at 57,600 baud.
+/// How long an answer may take before it is said again (ns of the kernel's time), besides the time that the line takes for the
+/// message.
 const PATIENCE_NS: u64 = 1_000_000_000;
 /// The same when the kernel has told that a frame came spoilt or a part is missing: until what is behind it has gone by.
 const HURRY_NS: u64 = 100_000_000;
@@ -26,8 +26,10 @@ pub struct LineFigures {
 }
 
 /// The message under way, and what has happened so far.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Resend {
+    /// Time that the line takes for a byte (ns): ten bits.
+    byte_ns: u64,
     /// Its frames; empty when all is answered.
     frames: Vec<u8>,
     /// Tick of the newest status when it was first said, and when it was last.
@@ -41,6 +43,21 @@ pub struct Resend {
 }
 
 impl Resend {
+    /// For a line of so many bits a second.
+    pub fn new(baud: u32) -> Self {
+        let byte_ns = 10_000_000_000 / u64::from(baud.max(1));
+        Self {
+            byte_ns,
+            frames: Vec::new(),
+            first: 0,
+            since: 0,
+            tries: 0,
+            missed: false,
+            spoilt_before: None,
+            figures: LineFigures::default(),
+        }
+    }
+
     /// Something was said that will be answered.
     pub fn expect(&mut self, frames: &[u8], tick: u64) {
         self.frames.clear();
@@ -78,7 +95,9 @@ impl Resend {
         let more = spoilt.saturating_sub(before) > self.figures.spoilt_to_kernel;
         self.figures.spoilt_to_kernel = spoilt.saturating_sub(before);
         self.missed |= more;
-        let patience = if self.missed { HURRY_NS } else { PATIENCE_NS };
+        // Sooner it would be said while it is still on its way, and a slow line would carry nothing else.
+        let on_its_way = self.byte_ns * self.frames.len() as u64;
+        let patience = on_its_way + if self.missed { HURRY_NS } else { PATIENCE_NS };
         let time_since = |then: u64| tick.saturating_sub(then).saturating_mul(period_ns);
         if self.frames.is_empty() || time_since(self.since) < patience {
             return Ok(&[]);
@@ -105,7 +124,7 @@ mod tests {
 
     #[test]
     fn what_is_not_answered_is_said_again_and_then_given_up() {
-        let mut resend = Resend::default();
+        let mut resend = Resend::new(1_000_000);
         assert_eq!(resend.on_status(1_000, 7, PERIOD), Ok(&[][..]));
         resend.expect(&[1, 2], 1_000);
         // Two came spoilt: this one may be among them.
@@ -122,15 +141,15 @@ mod tests {
             }
             Err(tries) => Some((tick, tries)),
         });
-        // A second is 125 ticks.
-        assert_eq!(said, [1_125, 1_250, 1_375, 1_500, 1_625, 1_750, 1_875, 2_000, 2_125]);
-        assert_eq!(gave_up, Some((2_250, 10)));
+        // A second and two bytes are more than 125 ticks.
+        assert_eq!(said, [1_126, 1_252, 1_378, 1_504, 1_630, 1_756, 1_882, 2_008, 2_134]);
+        assert_eq!(gave_up, Some((2_260, 10)));
         assert_eq!(resend.figures(), LineFigures { spoilt_from_kernel: 0, spoilt_to_kernel: 2, said_again: 10 });
     }
 
     #[test]
     fn an_answer_ends_it_and_a_missed_part_hurries_it() {
-        let mut resend = Resend::default();
+        let mut resend = Resend::new(1_000_000);
         resend.expect(&[1], 10);
         resend.part_missed();
         assert_eq!(resend.on_status(22, 0, PERIOD), Ok(&[][..]));

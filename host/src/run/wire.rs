@@ -11,8 +11,8 @@ use std::path::Path;
 pub enum Wire {
     /// Of `screed-rt`: loses nothing, and is closed when the other side has ended.
     Socket(UnixStream),
-    /// Of a board: may spoil bytes, and is silent when nobody is there.
-    Line(SerialPortNow),
+    /// Of a board, at so many bits a second: may spoil bytes, and is silent when nobody is there.
+    Line(SerialPortNow, u32),
 }
 
 impl Wire {
@@ -30,19 +30,22 @@ impl Wire {
     /// # Errors
     /// [`SerialError`].
     pub fn line(device: &Path, baud: u32) -> Result<Self, SerialError> {
-        SerialPortNow::open(device, baud).map(Self::Line)
+        Ok(Self::Line(SerialPortNow::open(device, baud)?, baud))
     }
 
-    /// Whether bytes may be lost on it.
-    pub const fn is_line(&self) -> bool {
-        matches!(self, Self::Line(_))
+    /// Bits a second, where it is a line: on it bytes may be lost.
+    pub const fn baud(&self) -> Option<u32> {
+        match self {
+            Self::Line(_, baud) => Some(*baud),
+            Self::Socket(_) => None,
+        }
     }
 
     /// The descriptor, to wait on.
     pub fn descriptor(&self) -> RawFd {
         match self {
             Self::Socket(stream) => stream.as_raw_fd(),
-            Self::Line(port) => port.descriptor(),
+            Self::Line(port, _) => port.descriptor(),
         }
     }
 
