@@ -250,6 +250,12 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         self.state.status()
     }
 
+    /// Time between ticks that the configuration asks for (ns): for a caller whose own clock paces the loop. `None` before the
+    /// first.
+    pub fn tick_period_ns(&self) -> Option<u64> {
+        self.state.config.as_ref().map(|config| config.tick_period_ns)
+    }
+
     /// Whether the host asked the process to end, and the arm is at rest.
     pub fn may_quit(&self) -> bool {
         self.state.quit && !matches!(self.state.mode, Mode::Moving | Mode::Stopping { .. })

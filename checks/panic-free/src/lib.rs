@@ -69,14 +69,14 @@ macro_rules! kernel_roots {
 
             /// What happens outside the kernel and is told to it.
             #[unsafe(export_name = concat!("root_events_", $joints))]
-            pub fn events(kernel: &mut Kernel<$joints, 4096>, which: u8, fault: Fault) -> (Status, bool) {
+            pub fn events(kernel: &mut Kernel<$joints, 4096>, which: u8, fault: Fault) -> (Status, bool, Option<u64>) {
                 match which {
                     0 => kernel.host_changed(),
                     1 => kernel.robot_lost(),
                     2 => kernel.quit(),
                     _ => kernel.raise(fault),
                 }
-                (kernel.status(), kernel.may_quit())
+                (kernel.status(), kernel.may_quit(), kernel.tick_period_ns())
             }
 
             /// Both ways of the setpoint code.

@@ -155,6 +155,12 @@ pub struct PrintArgs {
     /// Use the screed-rt that answers at this socket, instead of starting one
     #[arg(long, value_name = "SOCKET")]
     pub attach: Option<PathBuf>,
+    /// Print by the kernel on a board at the end of this serial line, which paces it and drives the arm
+    #[arg(long, value_name = "DEVICE", conflicts_with_all = ["attach", "fast", "allow_non_rt"])]
+    pub board: Option<PathBuf>,
+    /// Bits a second on that line
+    #[arg(long, default_value_t = 921_600, requires = "board", value_parser = clap::value_parser!(u32).range(9_600..=12_000_000))]
+    pub baud: u32,
     /// Write the cycle log
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,

@@ -37,6 +37,9 @@ pub fn run(args: &PrintArgs) -> Result<(), Failure> {
     }
     // What cannot be planned from anywhere is told before a robot is asked for.
     Plan::new(&model, &cell, &print.wishes.plan, &cell.robot.start)?;
+    if let Some(device) = &args.board {
+        return report(&print::run(&print, print::attach_board(device, args.baud)?)?, args.json);
+    }
     if let Some(socket) = &args.attach {
         return report(&print::run(&print, print::attach(socket, None)?)?, args.json);
     }

@@ -1,16 +1,21 @@
 //! The host's side of a print as a state machine: attaches to the real-time process, configures it, keeps its ring filled,
 //! starts it when told to, and sees it to the end. Frames in, frames out; no clock, no socket.
 
+mod frames;
+
+pub use frames::frames;
+
 use crate::config::Cell;
-use crate::plan::stream::{Batch, Batches, Setpoint as Planned};
+use crate::plan::stream::{Batches, Setpoint as Planned};
 use crate::plan::{Plan, PlanError};
 use crate::run::account::Account;
+use crate::run::resend::{LineFigures, Resend};
 use crate::run::words;
 use screed_kernel::frame::{
-    self, BatchPart, CODE_MAX, Configure, CycleRecord, FaultReport, FrameError, FromKernel, ModeCode, Reader, Refusal,
-    Status, ToKernel, WIRE_MAX,
+    self, Configure, CycleRecord, FaultReport, FrameError, FromKernel, ModeCode, Reader, Refusal, Status, ToKernel,
+    WIRE_MAX,
 };
-use screed_kernel::setpoint::{CodeError, Coder, Setpoint};
+use screed_kernel::setpoint::CodeError;
 use screed_kernel::units::JointPos;
 use std::sync::Arc;
 
@@ -51,6 +56,18 @@ pub enum JobError {
     /// The link to the robot failed.
     #[error("{0}")]
     Link(String),
+    /// The line to the kernel spoils too much, or nobody obeys at its other end.
+    #[error("the kernel did not answer what was said {tries} times over the serial line ({} frames came spoilt to it, {} from it)",
+        figures.spoilt_to_kernel, figures.spoilt_from_kernel)]
+    Unanswered {
+        /// How often it was said.
+        tries: u32,
+        /// What else happened on the line.
+        figures: LineFigures,
+    },
+    /// The kernel at the end of a line has lost what it was told.
+    #[error("the kernel began anew: its board was reset")]
+    Reset,
     /// The host did not keep up: the ring was played to its end, where the arm rests on its path.
     #[error("the ring ran dry at setpoint {consumed}: the planner or this machine was too slow")]
     Underrun {
@@ -120,8 +137,9 @@ pub struct Job {
     /// The batch whose answer has not come.
     unanswered: Option<u32>,
     batches: u32,
-    /// Last setpoint of the last batch sent.
+    /// Last setpoint of the last batch sent, and of the one before.
     end_seq: u32,
+    end_seq_before: u32,
     /// Last setpoint of that batch's path: from there on the next batch takes over, so that only this far the ring is filled.
     path_end: u32,
     started: bool,
@@ -132,6 +150,8 @@ pub struct Job {
     account: Account,
     /// Messages that are not known here.
     unknown: u64,
+    /// Over a line that spoils bytes: what is said again.
+    resend: Option<Resend>,
 }
 
 impl Job {
@@ -153,6 +173,7 @@ impl Job {
             unanswered: None,
             batches: 0,
             end_seq: 0,
+            end_seq_before: 0,
             path_end: 0,
             started: false,
             exhausted: false,
@@ -161,9 +182,23 @@ impl Job {
             error: None,
             account,
             unknown: 0,
+            resend: None,
         };
         job.say(&ToKernel::Hello);
         job
+    }
+
+    /// The frames go over a line of `baud` bits a second that may spoil bytes: spoilt ones are counted, and what is not answered
+    /// is said again.
+    pub fn over_a_line(&mut self, baud: u32) {
+        self.resend = Some(Resend::new(baud));
+        // Ends whatever an earlier host left half said.
+        self.out.insert(0, 0);
+    }
+
+    /// What happened on the line, if it is one that may spoil bytes.
+    pub fn line(&self) -> Option<LineFigures> {
+        self.resend.as_ref().map(Resend::figures)
     }
 
     /// Where the job stands.
@@ -204,7 +239,7 @@ impl Job {
     /// Leaves the fault it found: a person has said so.
     pub fn rearm(&mut self) {
         if let Phase::Faulted(report) = self.phase {
-            self.say(&ToKernel::Rearm { fault: report.number });
+            self.ask(&ToKernel::Rearm { fault: report.number });
             self.rearmed = report.number;
             self.phase = Phase::Attaching;
         }
@@ -222,7 +257,7 @@ impl Job {
     pub fn stop(&mut self) {
         match self.phase {
             Phase::Streaming if self.started => {
-                self.say(&ToKernel::Stop);
+                self.ask(&ToKernel::Stop);
                 self.phase = Phase::Stopping;
             }
             Phase::Stopping | Phase::Ended(_) => {}
@@ -246,7 +281,11 @@ impl Job {
                 Ok(message) => self.handle(message, on_cycle)?,
                 // A later minor version may say more than is known here.
                 Err(FrameError::Message) => self.unknown += 1,
-                Err(error) => return Err(JobError::Frame(error)),
+                Err(error @ FrameError::Version(_)) => return Err(JobError::Frame(error)),
+                Err(error) => match &mut self.resend {
+                    Some(resend) => resend.spoilt(),
+                    None => return Err(JobError::Frame(error)),
+                },
             }
         }
         self.error.take().map_or(Ok(()), Err)
@@ -274,6 +313,7 @@ impl Job {
             FromKernel::Accepted { batch } if self.unanswered == Some(batch) => {
                 self.unanswered = None;
                 self.credits_known = false;
+                self.resend.iter_mut().for_each(Resend::answered);
             }
             FromKernel::Accepted { .. } => {}
             FromKernel::Refused { batch, reason } => self.on_refused(batch, reason)?,
@@ -299,6 +339,21 @@ impl Job {
         if let Some(fault) = self.status.and_then(|status| status.fault) {
             return Err(JobError::Fault(fault));
         }
+        if let Some(resend) = &mut self.resend {
+            match reason {
+                // A part of it did not come.
+                Refusal::Sequence if self.unanswered == Some(batch) => {
+                    resend.part_missed();
+                    return Ok(());
+                }
+                // An answer to what was said again and has been answered.
+                _ if batch != 0 && self.unanswered != Some(batch) => return Ok(()),
+                Refusal::Stale | Refusal::Mode if batch == 0 && resend.is_repeated() => return Ok(()),
+                // It is there already, and has no room beside itself.
+                Refusal::Full if resend.is_repeated() => return Ok(()),
+                _ => {}
+            }
+        }
         if reason == Refusal::TooLate {
             let consumed = self.status.map_or(0, |status| status.consumed);
             return Err(JobError::Underrun { consumed });
@@ -308,8 +363,9 @@ impl Job {
     }
 
     fn on_status(&mut self, status: Status) -> Result<(), JobError> {
-        self.status = Some(status);
+        let before = self.status.replace(status);
         self.credits_known = true;
+        self.say_again(before.as_ref(), &status)?;
         match (self.phase, status.mode) {
             (Phase::Attaching | Phase::PlayingOut, ModeCode::Faulted) => {
                 // A status from before the command to leave the fault may still be on its way.
@@ -348,7 +404,42 @@ impl Job {
         Ok(())
     }
 
+    /// Over a line that spoils bytes: says again what should have been answered by now.
+    fn say_again(&mut self, before: Option<&Status>, status: &Status) -> Result<(), JobError> {
+        let answered = match self.phase {
+            Phase::Attaching => status.mode != ModeCode::Faulted,
+            Phase::Configuring => status.epoch != self.epoch_before,
+            Phase::Streaming => self.unanswered.is_none() && status.mode != ModeCode::Holding,
+            Phase::Stopping => status.mode != ModeCode::Moving,
+            Phase::Faulted(_) | Phase::PlayingOut | Phase::Ready(_) | Phase::Ended(_) => true,
+        };
+        let Some(resend) = &mut self.resend else { return Ok(()) };
+        if before.is_some_and(|before| status.tick < before.tick) {
+            return Err(JobError::Reset);
+        }
+        // A status that tells of the batch's end is as good as the answer to it.
+        let arrived =
+            self.unanswered.is_some() && status.end_seq == self.end_seq && self.end_seq != self.end_seq_before;
+        if arrived {
+            self.unanswered = None;
+        }
+        if answered || arrived {
+            resend.answered();
+        }
+        match resend.on_status(status.tick, status.frames_broken, self.configure.tick_period_ns) {
+            Ok([]) => {}
+            Ok(frames) => {
+                // The zero ends whatever is left of a spoilt frame.
+                self.out.push(0);
+                self.out.extend_from_slice(frames);
+            }
+            Err(tries) => return Err(JobError::Unanswered { tries, figures: resend.figures() }),
+        }
+        Ok(())
+    }
+
     fn configure(&mut self, mode: ModeCode, status: &Status) {
+        let begins = self.out.len();
         if mode == ModeCode::Holding && status.end_seq > status.consumed {
             // A ring held by an earlier host: drop it before new limits are set.
             self.say(&ToKernel::Stop);
@@ -356,12 +447,16 @@ impl Job {
         self.epoch_before = status.epoch;
         let configure = self.configure.clone();
         self.say(&ToKernel::Configure(configure));
+        self.expect_answer(begins);
         self.phase = Phase::Configuring;
     }
 
     fn on_cycle(&mut self, record: &CycleRecord) -> Option<Planned> {
         let planned = self.account.observe(record);
+        // A board does not hear that a host has come: what it is, it says once a second.
+        let known = self.resend.is_none() || self.process.is_some();
         if self.phase == Phase::Configuring
+            && known
             && self.status.is_some_and(|status| status.epoch != self.epoch_before)
             && record.mode == ModeCode::Holding
             && record.seq == 0
@@ -383,14 +478,17 @@ impl Job {
                 self.next = self.draw()?;
             }
             if let Some(next) = self.next.take_if(|next| next.len <= status.credits) {
+                let begins = self.out.len();
                 self.out.extend_from_slice(&next.frames);
+                self.expect_answer(begins);
                 self.unanswered = Some(next.batch);
+                self.end_seq_before = self.end_seq;
                 (self.path_end, self.end_seq) = (next.path_end, next.end_seq);
                 return Ok(());
             }
         }
         if !self.started && self.end_seq > 0 {
-            self.say(&ToKernel::Resume { epoch: status.epoch });
+            self.ask(&ToKernel::Resume { epoch: status.epoch });
             self.started = true;
         }
         Ok(())
@@ -411,6 +509,21 @@ impl Job {
         Ok(Some(Outgoing { batch: self.batches, len: batch.setpoints.len() as u32, path_end, end_seq, frames }))
     }
 
+    /// Says what a status will show to have come.
+    fn ask(&mut self, message: &ToKernel) {
+        let begins = self.out.len();
+        self.say(message);
+        self.expect_answer(begins);
+    }
+
+    /// What is to be sent from position `begins` on will be answered.
+    fn expect_answer(&mut self, begins: usize) {
+        let tick = self.status.map_or(0, |status| status.tick);
+        if let Some(resend) = &mut self.resend {
+            resend.expect(self.out.get(begins..).unwrap_or(&[]), tick);
+        }
+    }
+
     fn say(&mut self, message: &ToKernel) {
         let mut bytes = [0; WIRE_MAX];
         match frame::encode(message, &mut bytes) {
@@ -418,42 +531,4 @@ impl Job {
             Err(error) => self.error = Some(JobError::Frame(error)),
         }
     }
-}
-
-/// A batch as the frames of its parts.
-///
-/// # Errors
-/// [`JobError::Code`] when a setpoint is not finite or beyond the grid.
-pub fn frames(number: u32, batch: &Batch) -> Result<Vec<u8>, JobError> {
-    let mut frames = Vec::new();
-    let mut coder = Coder::new();
-    let mut code = [0; CODE_MAX];
-    let mut rest = batch.setpoints.as_slice();
-    let mut opens = true;
-    while let Some(first) = rest.first() {
-        let mut used = 0;
-        let mut taken = 0;
-        for planned in rest {
-            let setpoint = Setpoint { joints: planned.joints, flow: planned.flow, deposit: planned.deposit };
-            match coder.encode(&setpoint, code.get_mut(used..).unwrap_or(&mut [])) {
-                Ok(length) => (used, taken) = (used + length, taken + 1),
-                Err(CodeError::Short) if taken > 0 => break,
-                Err(error) => return Err(JobError::Code { seq: planned.seq, error }),
-            }
-        }
-        rest = rest.get(taken..).unwrap_or(&[]);
-        let part = BatchPart {
-            batch: number,
-            first_seq: first.seq,
-            opens,
-            commits: rest.is_empty(),
-            after: batch.after.filter(|_| opens),
-            code: code.get(..used).unwrap_or(&[]),
-        };
-        let mut bytes = [0; WIRE_MAX];
-        let length = frame::encode(&ToKernel::Batch(part), &mut bytes).map_err(JobError::Frame)?;
-        frames.extend_from_slice(bytes.get(..length).unwrap_or(&[]));
-        opens = false;
-    }
-    Ok(frames)
 }

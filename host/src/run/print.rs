@@ -1,4 +1,4 @@
-//! The timed print: starts or finds `screed-rt`, drives a [`Session`] over its socket, and keeps a person informed.
+//! The timed print: starts or finds `screed-rt` or a board, drives a [`Session`] over its wire, and keeps a person informed.
 
 use crate::config::Cell;
 use crate::failure::{Exit, Failure};
@@ -9,10 +9,10 @@ use crate::run::job::Outcome;
 use crate::run::session::{Progress, Session, SessionError, Step, Wishes, degrees};
 use crate::run::signal;
 use crate::run::summary::Summary;
+use crate::run::wire::Wire;
 use crate::run::words;
 use screed_kernel::frame::{FaultReport, ModeCode};
-use std::io::{self, BufRead, ErrorKind, IsTerminal, Read, Write};
-use std::os::fd::AsRawFd;
+use std::io::{self, BufRead, IsTerminal, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -21,6 +21,9 @@ use std::time::{Duration, Instant};
 
 /// How long a stop may take before the host gives up waiting for it.
 const STOP_PATIENCE: Duration = Duration::from_secs(5);
+
+/// How long a board may say nothing.
+const SILENCE: Duration = Duration::from_secs(2);
 
 /// What to print, where, and how.
 pub struct Print<'a> {
@@ -40,11 +43,12 @@ pub struct Print<'a> {
     pub quiet: bool,
 }
 
-/// A connection to `screed-rt`, and the process if this host started it.
+/// A connection to a kernel, and its process if this host started it.
 pub struct Attached {
-    stream: UnixStream,
+    wire: Wire,
     process: Option<Process>,
-    socket: PathBuf,
+    /// The socket or serial device.
+    place: PathBuf,
 }
 
 /// Attaches to the `screed-rt` that answers at `socket`, or starts it with `command`.
@@ -52,8 +56,15 @@ pub struct Attached {
 /// # Errors
 /// [`Failure`] with what `screed-rt` said, if it ended.
 pub fn attach(socket: &Path, command: Option<Command>) -> Result<Attached, Failure> {
+    let attached = |stream, process| match Wire::socket(stream) {
+        Ok(wire) => Ok(Attached { wire, process, place: socket.to_owned() }),
+        Err(error) => {
+            let message = format!("the socket of screed-rt cannot be used: {error}");
+            Err(Failure::new(Exit::Link, message, "start it again"))
+        }
+    };
     if let Ok(stream) = UnixStream::connect(socket) {
-        return Ok(Attached { stream, process: None, socket: socket.to_owned() });
+        return attached(stream, None);
     }
     let Some(command) = command else {
         let message = format!("no screed-rt answers at {}", socket.display());
@@ -64,7 +75,7 @@ pub fn attach(socket: &Path, command: Option<Command>) -> Result<Attached, Failu
     loop {
         process.check()?;
         if let Ok(stream) = UnixStream::connect(socket) {
-            return Ok(Attached { stream, process: Some(process), socket: socket.to_owned() });
+            return attached(stream, Some(process));
         }
         if Instant::now() > until {
             let message = format!("screed-rt does not answer at {}", socket.display());
@@ -72,6 +83,17 @@ pub fn attach(socket: &Path, command: Option<Command>) -> Result<Attached, Failu
         }
         std::thread::sleep(Duration::from_millis(5));
     }
+}
+
+/// The kernel on a board at the end of the serial line `device`, at `baud` bits a second.
+///
+/// # Errors
+/// [`Failure`] when the device cannot be used. Whether a board is there shows when it speaks.
+pub fn attach_board(device: &Path, baud: u32) -> Result<Attached, Failure> {
+    let wire = Wire::line(device, baud).map_err(|error| {
+        Failure::new(Exit::Link, error.to_string(), "check --board, and that this user may open it")
+    })?;
+    Ok(Attached { wire, process: None, place: device.to_owned() })
 }
 
 /// Opens the log a print asks for.
@@ -100,15 +122,16 @@ pub fn open_log(print: &Print<'_>) -> Result<Option<LogWriter>, Failure> {
 /// [`Failure`]; the ring then still plays to its end, and the arm rests on its path.
 pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
     let log = open_log(print)?;
-    let Attached { stream, process, socket } = attached;
-    if !print.quiet {
-        note!("screed-rt answers at {}; should this program be lost, attach another with --attach", socket.display());
-    }
+    let Attached { wire, process, place } = attached;
     let mut session = Session::new(print.cell, print.model, print.wishes.clone(), log);
-    stream.set_nonblocking(true).map_err(|error| {
-        Failure::new(Exit::Link, format!("the socket of screed-rt cannot be used: {error}"), "start it again")
-    })?;
-    let mut driver = Driver { stream, started: Instant::now(), shown: None, terminal: io::stderr().is_terminal() };
+    if let Some(baud) = wire.baud() {
+        session.job().over_a_line(baud);
+    } else if !print.quiet {
+        note!("screed-rt answers at {}; should this program be lost, attach another with --attach", place.display());
+    }
+    let now = Instant::now();
+    let mut driver =
+        Driver { wire, place, started: now, heard: now, shown: None, terminal: io::stderr().is_terminal() };
     let result = driver.drive(&mut session, print);
     if process.is_some() {
         // Whatever happened: the process comes to rest, closes the extruder's line and ends.
@@ -137,8 +160,11 @@ pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
 }
 
 struct Driver {
-    stream: UnixStream,
+    wire: Wire,
+    place: PathBuf,
     started: Instant,
+    /// When bytes came last.
+    heard: Instant,
     shown: Option<Instant>,
     terminal: bool,
 }
@@ -167,7 +193,10 @@ impl Driver {
             }
             match session.step(self.started.elapsed().as_secs_f64())? {
                 Step::Running => {}
-                Step::Confirm => answer = self.ask(session, print),
+                Step::Confirm => {
+                    self.check_board(session, print.cell)?;
+                    answer = self.ask(session, print);
+                }
                 Step::Rearm(report) if answer.is_none() => answer = Some(self.ask_rearm(&report, print)),
                 Step::Rearm(_) => {}
                 Step::Ended(Outcome::Complete) => return Ok("complete"),
@@ -196,7 +225,7 @@ impl Driver {
                 session.stop();
             }
             if stopping.is_some_and(|since| since.elapsed() > STOP_PATIENCE) {
-                let message = "screed-rt does not say that the arm rests";
+                let message = "the kernel does not say that the arm rests";
                 return Err(Failure::new(Exit::SafetyStop, message, "use the emergency stop if the arm moves"));
             }
             if !print.quiet {
@@ -208,31 +237,70 @@ impl Driver {
     /// Waits a little for the process, hears it, and says what there is to say.
     fn exchange(&mut self, session: &mut Session<'_>) -> Result<(), Failure> {
         let greeted = session.job().process().is_some();
-        let gone = || match greeted {
+        let mut line = libc::pollfd { fd: self.wire.descriptor(), events: libc::POLLIN, revents: 0 };
+        // SAFETY: one entry, which outlives the call.
+        unsafe { libc::poll(&raw mut line, 1, 5) };
+        let mut bytes = [0; 65536];
+        let count = self.wire.read(&mut bytes).map_err(|_| self.gone(greeted))?;
+        if count > 0 {
+            self.heard = Instant::now();
+            session.handle_bytes(bytes.get(..count).unwrap_or(&[]))?;
+        } else if self.wire.baud().is_some() && self.heard.elapsed() > SILENCE {
+            return Err(self.silent(greeted));
+        }
+        let out = session.poll_transmit()?;
+        let written = self.wire.write(out).map_err(|_| self.gone(greeted))?;
+        out.drain(..written);
+        Ok(())
+    }
+
+    /// Whether the arm that a board is built for is the cell's: it says so, and there limits and workspace are judged by it.
+    fn check_board(&self, session: &mut Session<'_>, cell: &Cell) -> Result<(), Failure> {
+        let expected = format!("board, {}", cell.robot.model);
+        match session.job().process() {
+            Some((_, note)) if self.wire.baud().is_some() && note != expected => {
+                let message = format!("the board at {}: expected {expected:?}, found {note:?}", self.place.display());
+                Err(Failure::new(
+                    Exit::Input,
+                    message,
+                    "give the cell of that board, or build its firmware for this robot",
+                ))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// What it means that the wire was closed.
+    fn gone(&self, greeted: bool) -> Failure {
+        if self.wire.baud().is_some() {
+            let message = format!("the serial line {} was closed", self.place.display());
+            return Failure::new(Exit::Link, message, "plug it in again; the arm rests at the end of what it was sent");
+        }
+        match greeted {
             true => Failure::new(Exit::Link, "screed-rt has ended", "see where the arm stands, then start again"),
             false => Failure::new(
                 Exit::Link,
                 "screed-rt closed the connection at once: another host is attached to it",
                 "wait until that one has ended, or end it",
             ),
-        };
-        let mut line = libc::pollfd { fd: self.stream.as_raw_fd(), events: libc::POLLIN, revents: 0 };
-        // SAFETY: one entry, which outlives the call.
-        unsafe { libc::poll(&raw mut line, 1, 5) };
-        let mut bytes = [0; 65536];
-        match self.stream.read(&mut bytes) {
-            Ok(0) => return Err(gone()),
-            Ok(count) => session.handle_bytes(bytes.get(..count).unwrap_or(&[]))?,
-            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
-            Err(_) => return Err(gone()),
         }
-        let out = session.poll_transmit()?;
-        match self.stream.write(out) {
-            Ok(count) => drop(out.drain(..count)),
-            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
-            Err(_) => return Err(gone()),
+    }
+
+    /// What it means that a board, which speaks every cycle, says nothing.
+    fn silent(&self, greeted: bool) -> Failure {
+        let place = self.place.display();
+        match greeted {
+            true => Failure::new(
+                Exit::Link,
+                format!("the board at {place} has said nothing for {} s", SILENCE.as_secs()),
+                "mend the line, see where the arm stands, then start again; it rests at the end of what it was sent",
+            ),
+            false => Failure::new(
+                Exit::Link,
+                format!("no board answers at {place}"),
+                "check the device, --baud, and that the board runs",
+            ),
         }
-        Ok(())
     }
 
     /// Shows the approach and asks, or takes the answer given beforehand.
@@ -261,7 +329,7 @@ impl Driver {
 
     /// Shows the fault that the process stands in and asks whether to leave it.
     fn ask_rearm(&mut self, report: &FaultReport, print: &Print<'_>) -> Receiver<bool> {
-        note!("screed-rt stands in fault {}, {}", report.number, words::fault(&report.fault));
+        note!("the kernel stands in fault {}, {}", report.number, words::fault(&report.fault));
         note!("remedy: {}", report.fault.action());
         if print.yes {
             let (sender, receiver) = mpsc::channel();
@@ -335,6 +403,10 @@ impl From<SessionError> for Failure {
             SessionError::Job(error) => {
                 let (exit, remedy) = match &error {
                     JobError::Fault(report) => (Exit::SafetyStop, report.fault.action()),
+                    JobError::Unanswered { .. } | JobError::Reset => (
+                        Exit::Link,
+                        "mend the line, see where the arm stands, then start again; nothing moves by itself",
+                    ),
                     JobError::Link(_) => (Exit::Link, "mend the link and start again; nothing moves by itself"),
                     JobError::Underrun { .. } => (Exit::Failed, "run on a quieter machine; go on with --from-layer"),
                     _ => (Exit::Failed, "start screed and screed-rt of the same build; report this if they are"),

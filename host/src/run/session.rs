@@ -176,7 +176,7 @@ impl Session<'_> {
     /// The table at the end.
     pub fn summary(&self, model: &str, outcome: &'static str) -> Summary {
         let mut summary = Summary::of(self.cell, model);
-        summary.outcome = outcome;
+        (summary.outcome, summary.line) = (outcome, self.job.line());
         if let Some((realtime, note)) = self.job.process() {
             summary.scheduling = if realtime { "real time" } else { "NON-RT" };
             summary.scheduling_note = note.to_owned();

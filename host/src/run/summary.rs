@@ -2,6 +2,7 @@
 
 use crate::config::Cell;
 use crate::run::account::{Figures, Spread};
+use crate::run::resend::LineFigures;
 use serde::Serialize;
 use std::fmt;
 
@@ -39,6 +40,9 @@ pub struct Summary {
     pub figures: Figures,
     /// Fingerprint over sequence number, joints and flow of the path's setpoints as commanded.
     pub hash: String,
+    /// What happened on the serial line of a board, if the kernel is at the end of one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub line: Option<LineFigures>,
     /// The log.
     pub log: Option<String>,
 }
@@ -62,6 +66,7 @@ impl Summary {
             servoj_lookahead_s: cell.link.servoj_lookahead,
             figures: Figures::default(),
             hash: String::new(),
+            line: None,
             log: None,
         }
     }
@@ -93,6 +98,10 @@ impl fmt::Display for Summary {
         row(&lag, &spread(&figures.following))?;
         row("actual path against the IFC curves", &spread(&figures.actual_contour))?;
         row("setpoint hash", &self.hash)?;
+        if let Some(LineFigures { spoilt_from_kernel, spoilt_to_kernel, said_again }) = self.line {
+            let spoilt = format!("{spoilt_to_kernel} / {spoilt_from_kernel}, {said_again} messages said again");
+            row("frames spoilt on the line, there / back", &spoilt)?;
+        }
         if let Some(log) = &self.log {
             row("log", log)?;
         }
