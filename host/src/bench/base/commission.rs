@@ -149,9 +149,9 @@ mod tests {
             let params = Params::random(kind, seed);
             for (axis, [frequency, damping]) in swings(kind, &params, seed).into_iter().enumerate() {
                 let (is, damped) = (params.base.frequency[axis], params.base.damping);
-                let width = if kind == Kind::Nj130 { 0.02 } else { 0.1 };
-                assert!((frequency / is - 1.0).abs() < width, "plant {seed}, axis {axis}: {frequency} rad/s, is {is}");
-                assert!((damping - damped).abs() < width, "plant {seed}, axis {axis}: damping {damping}, is {damped}");
+                let [near, wide] = if kind == Kind::Nj130 { [0.02, 0.03] } else { [0.1, 0.1] };
+                assert!((frequency / is - 1.0).abs() < near, "plant {seed}, axis {axis}: {frequency} rad/s, is {is}");
+                assert!((damping - damped).abs() < wide, "plant {seed}, axis {axis}: damping {damping}, is {damped}");
             }
         }
     }
