@@ -7,7 +7,7 @@ use crate::clock::{PathClock, Played};
 use crate::config::Config;
 use crate::correction::{Correction, CorrectionLimits};
 use crate::fault::Fault;
-use crate::frame::{self, FaultReport, FrameError, FromKernel, Reader, Status, ToKernel};
+use crate::frame::{self, FaultReport, FrameError, FromKernel, LoopRecord, Reader, Status, ToKernel};
 use crate::guard::{Differences, Periods, Violation, exceeds};
 use crate::mode::{Event, Mode, StopCause};
 use crate::ring::Ring;
@@ -67,11 +67,22 @@ pub struct Reference<const N: usize> {
     pub period: f64,
 }
 
+/// What whoever corrects the path answers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corrected<const N: usize> {
+    /// Joint offsets to add to the path (rad or m). `None` takes those under way out, within their limits.
+    pub joints: Option<JointPos<N>>,
+    /// Whether the path clock shall wait: its rate then goes to 0, and from there back to what the host asked for.
+    pub waits: bool,
+}
+
 /// What is to happen at this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Command<const N: usize> {
     /// Joint targets (rad or m); `None` while the robot's position is not known: then nothing may be sent.
     pub joints: Option<JointPos<N>>,
+    /// The path here (rad or m): the targets without their correction.
+    pub path: JointPos<N>,
     /// The setpoint they stand for, or were interpolated behind; 0 before the first.
     pub seq: u32,
     /// Extrusion rate (m³/s).
@@ -112,6 +123,10 @@ struct State<const N: usize, const CAP: usize> {
     gate: Differences<N>,
     /// Rate to play at.
     rate: f64,
+    /// Whether the path waits for its correction.
+    waits: bool,
+    /// Minor version that the host speaks.
+    minor: u8,
     incoming: Option<Incoming<N>>,
     tick: Tick,
     ticked: Option<Nanos>,
@@ -146,6 +161,8 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
                 known: false,
                 gate: Differences::at_rest(nowhere),
                 rate: 1.0,
+                waits: false,
+                minor: frame::MINOR,
                 incoming: None,
                 tick: Tick(0),
                 ticked: None,
@@ -170,10 +187,14 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         self.budget -= taken;
         for &byte in bytes.iter().take(taken) {
             let Some(frame) = self.reader.push(byte) else { continue };
+            let whole = frame.is_ok();
             match frame.and_then(frame::decode) {
                 Ok(message) => self.state.obey(&message),
                 Err(FrameError::Message) => self.state.frames_unknown = self.state.frames_unknown.saturating_add(1),
                 Err(_) => self.state.frames_broken = self.state.frames_broken.saturating_add(1),
+            }
+            if whole {
+                self.state.minor = self.reader.minor();
             }
         }
         taken
@@ -182,6 +203,7 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
     /// Forgets a half-received frame: a new host speaks from here on.
     pub fn host_changed(&mut self) {
         self.reader = Reader::new();
+        self.state.minor = frame::MINOR;
         self.state.outbox.clear();
         self.state.drop_incoming();
     }
@@ -205,17 +227,17 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
 
     /// One cycle, begun at `now` on a monotonic clock. Bounded work, no allocation, no panic.
     pub fn tick(&mut self, now: Nanos, sensors: &Sensors<N>) -> Command<N> {
-        self.tick_corrected(now, sensors, |_| Ok(sensors.correction))
+        self.tick_corrected(now, sensors, |_| Ok(Corrected { joints: sensors.correction, waits: false }))
     }
 
     /// The same, the correction being found by `correct` from what the path asks for at this tick ([`Sensors::correction`] says
     /// nothing then). `None` takes the correction under way out, and so does a fault, which stops as one of the kernel's own. It
-    /// is not asked while the kernel is unready or faulted, nor while it stops for a fault.
+    /// is not asked while the kernel is unready or faulted, nor while it stops for a fault. [`Corrected::waits`] counts while it moves.
     pub fn tick_corrected(
         &mut self,
         now: Nanos,
         sensors: &Sensors<N>,
-        correct: impl FnOnce(&Reference<N>) -> Result<Option<JointPos<N>>, Fault>,
+        correct: impl FnOnce(&Reference<N>) -> Result<Corrected<N>, Fault>,
     ) -> Command<N> {
         self.budget = RECEIVE_MAX;
         let state = &mut self.state;
@@ -226,6 +248,13 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         state.settle();
         state.report();
         state.command()
+    }
+
+    /// What the loop around this kernel has to say; a host of 1.0 would not know it.
+    pub(crate) fn say_loop(&mut self, record: LoopRecord) {
+        if self.state.minor > 0 {
+            self.state.say(&FromKernel::Loop(record));
+        }
     }
 
     /// Copies answers for the host into `out`, returns how many bytes.
@@ -316,7 +345,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     }
 
     /// Moves the path clock on, corrects what it gives, and passes that through the last gate.
-    fn play(&mut self, correct: impl FnOnce(&Reference<N>) -> Result<Option<JointPos<N>>, Fault>) {
+    fn play(&mut self, correct: impl FnOnce(&Reference<N>) -> Result<Corrected<N>, Fault>) {
         let Some(config) = self.config.as_ref() else { return };
         let (output, periods, limits) = (config.output, config.periods, config.correction);
         if matches!(self.mode, Mode::Unready | Mode::Faulted { .. }) {
@@ -327,10 +356,16 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             self.path = self.clock.advance(&mut self.ring, periods.tick, periods.tick / periods.sample);
         }
         let before = self.correction;
-        let wanted =
-            if self.mode.fault().is_none() { correct(&self.reference(periods, limits, plays)) } else { Ok(None) };
+        let wanted = match self.mode.fault() {
+            None => correct(&self.reference(periods, limits, plays)),
+            Some(_) => Ok(Corrected { joints: None, waits: false }),
+        };
+        self.waits = wanted.is_ok_and(|wanted| wanted.waits);
+        if self.mode == Mode::Moving {
+            self.clock.set_target(self.target());
+        }
         let followed = wanted.and_then(|wanted| {
-            let Some(wanted) = wanted else { return Ok(false) };
+            let Some(wanted) = wanted.joints else { return Ok(false) };
             let followed = self.correction.follow(&wanted, &limits, periods.tick);
             let inside = followed.and_then(|()| self.correction.check(&self.path.joints, &config.workspace, &self.arm));
             let fault =
@@ -365,6 +400,11 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         let Played { joints, deposit, .. } = self.path;
         let period = periods.tick;
         Reference { joints, velocity, acceleration, deposit, plays, correction: self.correction, limits, period }
+    }
+
+    /// The rate that the path clock goes to while the path is played.
+    const fn target(&self) -> f64 {
+        if self.waits { 0.0 } else { self.rate }
     }
 
     /// Holds the last good output: there is nothing better left to do.
@@ -404,7 +444,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             self.faults = self.faults.saturating_add(1);
             self.fault_tick = self.tick.0;
             if let Some(report) = self.fault() {
-                self.say(&FromKernel::Fault(report));
+                self.say(&FromKernel::Fault(report.told_to(self.minor)));
             }
         }
         if matches!(event, Event::Hold | Event::Resume) {
@@ -425,7 +465,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             Mode::Holding if self.is_played_out() => self.stand(),
             Mode::Faulted { .. } => self.drop_ring(),
             Mode::Moving => {
-                self.clock.set_target(self.rate);
+                self.clock.set_target(self.target());
             }
             Mode::Stopping { .. } => {
                 self.clock.set_target(0.0);
@@ -472,7 +512,9 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     fn report(&mut self) {
         if self.said != Some(self.mode) || self.tick.0.is_multiple_of(STATUS_INTERVAL) {
             self.said = Some(self.mode);
-            self.say(&FromKernel::Status(self.status()));
+            let status = self.status();
+            let fault = status.fault.map(|report| report.told_to(self.minor));
+            self.say(&FromKernel::Status(Status { fault, ..status }));
         }
     }
 
@@ -513,7 +555,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         let Played { seq, flow, deposit, .. } = self.path;
         let rate = if matches!(self.mode, Mode::Moving | Mode::Stopping { .. }) { self.clock.rate() } else { 0.0 };
         let (joints, correction) = (self.known.then_some(self.output), self.correction.offsets());
-        Command { joints, seq, flow, deposit, rate, correction, mode: self.mode }
+        Command { joints, path: self.path.joints, seq, flow, deposit, rate, correction, mode: self.mode }
     }
 }
 

@@ -283,6 +283,8 @@ impl Job {
                 return Err(JobError::Link(note.as_str().to_owned()));
             }
             FromKernel::Alarm { fatal: false, note } => self.alarms.push(note.as_str().to_owned()),
+            FromKernel::Path { tick, joints } => self.account.on_path(tick, &joints),
+            FromKernel::Loop(record) => self.account.on_loop(&record),
             // Told as soon as it is found; the job ends once the arm rests, by the status that repeats it.
             FromKernel::Fault(FaultReport { fault, .. }) => {
                 self.alarms.push(format!("{}; {}", words::fault(&fault), fault.action()));

@@ -1,6 +1,7 @@
 //! Faults and refusals of the kernel in words for a person.
 
-use screed_kernel::fault::Fault;
+use screed_kernel::control::Bound;
+use screed_kernel::fault::{Fault, Unreached};
 use screed_kernel::frame::{Refusal, Unsound};
 use screed_kernel::guard::Quantity;
 
@@ -17,9 +18,44 @@ pub fn fault(fault: &Fault) -> String {
         Fault::Output { quantity, joint, value, limit } | Fault::Correction { quantity, joint, value, limit } => {
             format!(" ({})", found(quantity, joint, value, limit))
         }
+        Fault::Saturated { bound: Bound::Shift, value, limit } => {
+            format!(" ({:.2} mm asked for, {:.2} mm allowed)", value * 1e3, limit * 1e3)
+        }
+        Fault::Saturated { bound: Bound::Turn, value, limit } => {
+            format!(" ({:.3}° asked for, {:.3}° allowed)", value.to_degrees(), limit.to_degrees())
+        }
+        Fault::Saturated { bound: Bound::Speed, value, limit } => {
+            format!(" (behind for {value:.2} s, {limit:.2} s allowed)")
+        }
+        Fault::Unreachable { reason, value } => format!(" ({})", unreached(reason, value)),
+        Fault::Base { axis, value, limit } => {
+            let name = ["x", "y", "z"].get(usize::from(axis % 3)).copied().unwrap_or_default();
+            match axis {
+                0..3 => format!(" (along {name}: {:.2} mm, {:.2} mm allowed)", value * 1e3, limit * 1e3),
+                _ => format!(" (about {name}: {:.3}°, {:.3}° allowed)", value.to_degrees(), limit.to_degrees()),
+            }
+        }
+        Fault::Drive { joint, value, limit } => {
+            format!(" (joint {}: a lag of {:.1} ms, bound {:.1} ms)", joint + 1, value * 1e3, limit * 1e3)
+        }
+        Fault::Lead { joint, value, limit } => {
+            format!(" (joint {}: {value:.4} rad behind, {limit:.4} allowed)", joint + 1)
+        }
+        Fault::Tracker { value, limit } => format!(" ({value:.2} s waited, {limit:.2} s allowed)"),
         Fault::RobotNotReady | Fault::Extruder => String::new(),
     };
     format!("{}: {}{figures}", fault.code(), fault.cause())
+}
+
+/// Why the arm cannot be where it should.
+fn unreached(reason: Unreached, value: f64) -> String {
+    match reason {
+        Unreached::Reach => format!("{:.1} mm out of reach", value * 1e3),
+        Unreached::Orientation => format!("{:.3}° from what its wrist can", value.to_degrees()),
+        Unreached::Limit => format!("a joint beyond its limits, at {value:.4} rad"),
+        Unreached::Singular => "too near to a singularity".to_owned(),
+        Unreached::Unsolved => "the inverse kinematics found nothing".to_owned(),
+    }
 }
 
 /// Why a message was refused.
