@@ -125,7 +125,8 @@ pub fn run(case: &Case) -> Result<Score, ServojError> {
     if let Some([lag, gain]) = case.assumed {
         cell.link.servoj_lookahead *= lag;
         cell.link.servoj_gain *= gain;
-        cell.lead = Some(Lead { limits: LIMITS, dead_time: DEAD_TIME });
+        let servo = [cell.link.servoj_lookahead, cell.link.servoj_gain];
+        cell.lead = Some(Lead::of(LIMITS, DEAD_TIME, servo));
     }
     let options = Options {
         start_q: cell.robot.start,
