@@ -270,3 +270,6 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
