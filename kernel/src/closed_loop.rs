@@ -140,7 +140,7 @@ impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
             }
             _ => identification.pause(),
         }
-        if let Some(record) = self.telemetry.of(kernel.status().tick, &report, self.identification.drives()) {
+        if let Some(record) = self.telemetry.of(kernel.ticks(), &report, self.identification.drives()) {
             kernel.say_loop(record);
         }
         (command, report)

@@ -250,6 +250,11 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         state.command()
     }
 
+    /// Ticks since start.
+    pub(crate) const fn ticks(&self) -> u64 {
+        self.state.tick.0
+    }
+
     /// What the loop around this kernel has to say; a host of 1.0 would not know it.
     pub(crate) fn say_loop(&mut self, record: LoopRecord) {
         if self.state.minor > 0 {

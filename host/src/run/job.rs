@@ -7,8 +7,8 @@ use crate::plan::{Plan, PlanError};
 use crate::run::account::Account;
 use crate::run::words;
 use screed_kernel::frame::{
-    self, BatchPart, CODE_MAX, Configure, CycleRecord, FaultReport, FrameError, FromKernel, ModeCode, Reader, Refusal,
-    Status, ToKernel, WIRE_MAX,
+    self, BatchPart, CODE_MAX, Configure, CycleRecord, FaultReport, FrameError, FromKernel, LoopRecord, ModeCode,
+    Reader, Refusal, Status, ToKernel, WIRE_MAX,
 };
 use screed_kernel::setpoint::{CodeError, Coder, Setpoint};
 use screed_kernel::units::JointPos;
@@ -132,6 +132,8 @@ pub struct Job {
     account: Account,
     /// Messages that are not known here.
     unknown: u64,
+    /// Whether the path waits for its correction.
+    waits: bool,
 }
 
 impl Job {
@@ -161,6 +163,7 @@ impl Job {
             error: None,
             account,
             unknown: 0,
+            waits: false,
         };
         job.say(&ToKernel::Hello);
         job
@@ -284,13 +287,24 @@ impl Job {
             }
             FromKernel::Alarm { fatal: false, note } => self.alarms.push(note.as_str().to_owned()),
             FromKernel::Path { tick, joints } => self.account.on_path(tick, &joints),
-            FromKernel::Loop(record) => self.account.on_loop(&record),
+            FromKernel::Loop(record) => self.on_loop(&record),
             // Told as soon as it is found; the job ends once the arm rests, by the status that repeats it.
             FromKernel::Fault(FaultReport { fault, .. }) => {
                 self.alarms.push(format!("{}; {}", words::fault(&fault), fault.action()));
             }
         }
         Ok(())
+    }
+
+    /// A path that waits for its correction looks like one that is stuck: a person is told.
+    fn on_loop(&mut self, record: &LoopRecord) {
+        if record.waits && !self.waits {
+            let lost = record.base.is_some_and(|base| base.age.is_none());
+            let what = if lost { "the tracker, whose poses are not believed" } else { "a correction that is behind" };
+            self.alarms.push(format!("the path waits for {what}; it goes on by itself"));
+        }
+        self.waits = record.waits;
+        self.account.on_loop(record);
     }
 
     fn on_refused(&mut self, batch: u32, reason: Refusal) -> Result<(), JobError> {
@@ -459,3 +473,6 @@ pub fn frames(number: u32, batch: &Batch) -> Result<Vec<u8>, JobError> {
     }
     Ok(frames)
 }
+
+#[cfg(test)]
+mod tests;

@@ -112,3 +112,35 @@ const fn unsound(what: Unsound) -> &'static str {
         Unsound::Workspace => "a plane of the workspace has no unit normal",
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_fault_is_told_with_code_cause_and_its_figures_in_a_persons_units() {
+        for kind in Fault::KINDS {
+            let text = fault(&kind);
+            assert!(text.starts_with(&format!("{}: {}", kind.code(), kind.cause())), "{text}");
+            assert!(!kind.action().is_empty() && kind.action().len() > 20, "{text}");
+        }
+        let turn = 0.02_f64.to_radians();
+        for (kind, figures) in [
+            (
+                Fault::Saturated { bound: Bound::Shift, value: 0.0512, limit: 0.05 },
+                "(51.20 mm asked for, 50.00 mm allowed)",
+            ),
+            (Fault::Saturated { bound: Bound::Turn, value: turn, limit: turn }, "(0.020° asked for, 0.020° allowed)"),
+            (Fault::Saturated { bound: Bound::Speed, value: 2.004, limit: 2.0 }, "(behind for 2.00 s, 2.00 s allowed)"),
+            (Fault::Unreachable { reason: Unreached::Reach, value: 0.0125 }, "(12.5 mm out of reach)"),
+            (Fault::Unreachable { reason: Unreached::Singular, value: 0.0 }, "(too near to a singularity)"),
+            (Fault::Base { axis: 1, value: -0.03, limit: 0.02 }, "(along y: -30.00 mm, 20.00 mm allowed)"),
+            (Fault::Base { axis: 5, value: turn, limit: turn }, "(about z: 0.020°, 0.020° allowed)"),
+            (Fault::Drive { joint: 2, value: 0.45, limit: 0.4 }, "(joint 3: a lag of 450.0 ms, bound 400.0 ms)"),
+            (Fault::Lead { joint: 0, value: 0.0123, limit: 0.001 }, "(joint 1: 0.0123 rad behind, 0.0010 allowed)"),
+            (Fault::Tracker { value: 10.002, limit: 10.0 }, "(10.00 s waited, 10.00 s allowed)"),
+        ] {
+            assert!(fault(&kind).ends_with(figures), "{}", fault(&kind));
+        }
+    }
+}
