@@ -38,6 +38,12 @@ extern "C" {
 #define SCREED_FAULT_EXTRUDER 5  /* the extruder failed */
 #define SCREED_FAULT_DEVIATION 6 /* the estimate is far from the targets */
 #define SCREED_FAULT_CORRECTION 7 /* a correction breaks its limits */
+#define SCREED_FAULT_SATURATED 8 /* the loop would have to move the tool too far or too fast */
+#define SCREED_FAULT_UNREACHABLE 9 /* the path cannot be reached from where the base is */
+#define SCREED_FAULT_BASE 10     /* the base has moved too far */
+#define SCREED_FAULT_DRIVE 11    /* a drive's lag is beyond its bounds */
+#define SCREED_FAULT_LEAD 12     /* what is sent cannot lead the path as it should */
+#define SCREED_FAULT_TRACKER 13  /* the tracker has been lost for too long */
 
 /* A kernel; its memory is the caller's. */
 typedef struct screed_kernel screed_kernel;

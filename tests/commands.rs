@@ -25,6 +25,17 @@ fn outcome(arguments: &[&str]) -> (Option<i32>, String, String) {
 }
 
 #[test]
+fn a_cell_with_a_tracker_is_sound_and_planned_with_and_not_printed_with() {
+    let (cell, model) = (fixture("cells/tracker.toml"), fixture("data/FIM_fixture_IFC4.ifc"));
+    let (cell, model) = (cell.to_string_lossy(), model.to_string_lossy());
+    let (code, out, error) = outcome(&["check", &cell]);
+    assert!(code == Some(0) && out.contains("no link to one yet"), "{out} {error}");
+    let (code, _, error) = outcome(&["print", &model, "--cell", &cell, "--fast"]);
+    assert_eq!(code, Some(3), "{error}");
+    assert!(error.contains("the cell has a tracker") && error.contains("remedy: take [tracker]"), "{error}");
+}
+
+#[test]
 fn exit_codes_are_as_documented() {
     let cell = fixture("cells/demo.toml");
     let model = fixture("data/FIM_fixture_IFC4.ifc");

@@ -3,8 +3,9 @@
 //! Units stand in the keys (`lift_mm`) and end here: every field below is SI. A file with anything unknown, missing or
 //! impossible in it gives no [`Cell`], but all that is wrong with it, each with its place and a remedy.
 
+mod control;
 mod error;
-mod kernel;
+pub mod kernel;
 pub(crate) mod keys;
 pub(crate) mod read;
 mod sections;
@@ -16,7 +17,10 @@ pub use error::{ConfigError, Fault, Finding};
 use crate::robot::calibration::Calibrated;
 use read::Document;
 use screed_kernel::arm::Arm;
+use screed_kernel::control::Settings;
 use screed_kernel::correction::CorrectionLimits;
+use screed_kernel::drive::{Drive, Learning};
+use screed_kernel::estimator::EstimatorConfig;
 use screed_kernel::guard::Plane;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::{JointAcc, JointJerk, JointPos, JointVel};
@@ -43,6 +47,8 @@ pub struct Cell {
     pub link: Link,
     /// How the lag of its servo is compensated; not at all without it.
     pub lead: Option<Lead>,
+    /// What a tracker is for, where there is one; there is a lead then too.
+    pub tracked: Option<Tracked>,
     /// The extruder.
     pub extruder: Extruder,
     /// How the real-time process is scheduled.
@@ -159,10 +165,48 @@ pub struct Link {
 /// How the lag of the robot's servo is compensated: what is sent leads the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lead {
-    /// How far and how fast it may lead.
+    /// How far and how fast it may lead; with a tracker, all that is added to the path.
     pub limits: CorrectionLimits,
-    /// What of the lag is a dead time, and left as it is (s).
-    pub dead_time: f64,
+    /// How long it may stay behind while material is laid (s).
+    pub patience: f64,
+    /// What the servo is taken for at first.
+    pub drive: Drive,
+    /// How it is identified. Its dead time is left as it is.
+    pub learning: Learning,
+}
+
+impl Lead {
+    /// Least and greatest lag (s) and gain (1/s²) that a servo may be found to have where the cell does not say: as far as `servoj`
+    /// goes, a dead time that has not been named, and some more.
+    pub const LAG: [f64; 2] = [0.01, 0.4];
+    /// See [`Self::LAG`].
+    pub const GAIN: [f64; 2] = [40.0, 4000.0];
+    /// The usual patience (s).
+    pub const PATIENCE: f64 = 1.0;
+
+    /// What is usual, for a servo of this look-ahead (s) and gain (1/s²) with this dead time (s).
+    pub fn of(limits: CorrectionLimits, dead_time: f64, [lookahead, gain]: [f64; 2]) -> Self {
+        let learning = Learning {
+            lag: Self::LAG,
+            inverse_gain: [1.0 / Self::GAIN[1], 1.0 / Self::GAIN[0]],
+            dead_time,
+            filter_time: 0.05,
+            velocity_min: 0.002,
+            memory: 30.0,
+            noise: 2e-5,
+            adoption: 0.5,
+        };
+        Self { limits, patience: Self::PATIENCE, drive: Drive { lag: lookahead, inverse_gain: 1.0 / gain }, learning }
+    }
+}
+
+/// What the kernel needs to correct by a tracker.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tracked {
+    /// How tracker, base and joints are estimated.
+    pub estimator: EstimatorConfig<6>,
+    /// How the path is corrected.
+    pub settings: Settings<6>,
 }
 
 /// The extruder on its serial line.

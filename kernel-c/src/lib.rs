@@ -107,6 +107,12 @@ pub const fn fault_number(fault: Option<Fault>) -> u8 {
         Some(Fault::Extruder) => 5,
         Some(Fault::Deviation { .. }) => 6,
         Some(Fault::Correction { .. }) => 7,
+        Some(Fault::Saturated { .. }) => 8,
+        Some(Fault::Unreachable { .. }) => 9,
+        Some(Fault::Base { .. }) => 10,
+        Some(Fault::Drive { .. }) => 11,
+        Some(Fault::Lead { .. }) => 12,
+        Some(Fault::Tracker { .. }) => 13,
     }
 }
 

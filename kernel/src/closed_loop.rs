@@ -3,18 +3,22 @@
 //!
 //! One call stands for one cycle: [`ClosedLoop::tick`] takes the place of [`Kernel::tick`].
 
+mod telemetry;
+
 use crate::arm::Arm;
-use crate::base::Excess;
+use crate::base::{Excess, Part};
 use crate::control::{Control, ControlError, Report, Seen, Settings};
-use crate::drive::{Drive, DriveError, Identification, Learning};
+use crate::drive::{Astray, Drive, DriveError, Identification, Learning};
 use crate::estimator::{Estimated, Estimator, Robot, TrackerPose};
 use crate::fault::Fault;
 use crate::guard::Quantity;
 use crate::ik::Family;
 use crate::mode::Mode;
 use crate::pose::Pose;
-use crate::tick::{Command, Kernel, Sensors};
+use crate::tick::{Command, Corrected, Kernel, Sensors};
 use crate::units::{JointAcc, Nanos};
+use crate::wait::{Sight, Wait};
+use telemetry::Telemetry;
 
 /// Why there is no loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,6 +36,8 @@ pub struct LoopReport<const N: usize> {
     pub control: Report,
     /// The estimator's, where there is one.
     pub estimated: Option<Result<Estimated<N>, Excess>>,
+    /// Whether the path waits for its correction ([`crate::wait`]).
+    pub waits: bool,
 }
 
 /// Estimator, controller and drives of an N-joint arm. The estimator remembers `DEPTH` ticks; without a tracker there is none.
@@ -41,6 +47,8 @@ pub struct ClosedLoop<const N: usize, const DEPTH: usize> {
     estimator: Option<Estimator<N, DEPTH>>,
     identification: Identification<N>,
     control: Control<N>,
+    wait: Wait,
+    telemetry: Telemetry,
     period: f64,
     ticked: Option<Nanos>,
     /// Whether the kernel stood in a fault, or was stopping for one, at the last tick.
@@ -65,6 +73,8 @@ impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
             estimator,
             identification: Identification::new(drives, learning, period).map_err(LoopError::Drive)?,
             control: Control::new(settings, Family::of(arm), period).map_err(LoopError::Control)?,
+            wait: Wait::default(),
+            telemetry: Telemetry::default(),
             period,
             ticked: None,
             faulted: false,
@@ -91,26 +101,34 @@ impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
     ) -> (Command<N>, LoopReport<N>) {
         let dt = self.elapsed(now);
         self.leave_fault(kernel.mode());
-        let Self { arm, estimator, identification, control, .. } = self;
+        let Self { arm, estimator, identification, control, wait, .. } = self;
         let estimated = estimator.as_mut().map(|estimator| estimator.tick(arm, now, robot, poses));
+        let hold = estimator.as_ref().map_or(0.0, Estimator::hold);
         let (nominal_from_base, base_from_flange, estimate) = match &estimated {
             Some(Ok(Estimated { base, base_from_flange, joints, .. })) => {
                 (base.nominal_from_base, *base_from_flange, base_from_flange.map(|_| *joints))
             }
             _ => (Pose::identity(), None, None),
         };
-        let mut report = LoopReport { control: Report::default(), estimated };
+        let mut report = LoopReport { control: Report::default(), estimated, waits: false };
         let mut commanded = JointAcc::ZERO;
         let sensors = Sensors { actual: robot.actual, estimate, correction: None, ready: robot.ready };
         let command = kernel.tick_corrected(now, &sensors, |reference| {
-            if let Some(Err(Excess { value, limit, axis, .. })) = estimated {
-                return Err(Fault::Correction { quantity: Quantity::Workspace, joint: axis, value, limit });
-            }
+            found(&estimated, identification)?;
             commanded = reference.acceleration;
             let seen = Seen { nominal_from_base, base_from_flange, drives: identification.drives(), dt };
-            let (correction, done) = control.step(arm, reference, &seen).map_err(fault)?;
+            let (correction, done) = control.step(arm, reference, &seen)?;
             report.control = done;
-            Ok(Some(correction))
+            report.waits = match &estimated {
+                Some(Ok(estimated)) if reference.deposit && reference.plays => {
+                    wait.step(&sight(estimated, hold, &done), control.patience(), reference.period)?
+                }
+                _ => {
+                    *wait = Wait::default();
+                    false
+                }
+            };
+            Ok(Corrected { joints: Some(correction), waits: report.waits })
         });
         if let Some(estimator) = estimator {
             estimator.command(&commanded);
@@ -121,6 +139,9 @@ impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
                 let _ = identification.observe(&sent, &robot.actual, dt);
             }
             _ => identification.pause(),
+        }
+        if let Some(record) = self.telemetry.of(kernel.ticks(), &report, self.identification.drives()) {
+            kernel.say_loop(record);
         }
         (command, report)
     }
@@ -143,10 +164,36 @@ impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
     }
 }
 
-fn fault(error: ControlError) -> Fault {
-    let (value, limit) = match error {
-        ControlError::Saturated { value, limit, .. } => (value, limit),
-        _ => (0.0, 0.0),
-    };
-    Fault::Correction { quantity: Quantity::Workspace, joint: 0, value, limit }
+/// What was found before anything is corrected: a base beyond its bounds, a drive beyond its own.
+fn found<const N: usize>(
+    estimated: &Option<Result<Estimated<N>, Excess>>,
+    identification: &Identification<N>,
+) -> Result<(), Fault> {
+    if let Some(Err(Excess { part, axis, value, limit })) = *estimated {
+        let axis = if part == Part::Rotation { axis.saturating_add(3) } else { axis };
+        return Err(Fault::Base { axis, value, limit });
+    }
+    identification
+        .astray()
+        .map_or(Ok(()), |Astray { joint, lag, limit }| Err(Fault::Drive { joint, value: lag, limit }))
+}
+
+/// What decides whether the path waits: the base's correction is behind its estimate, and the tool behind that.
+fn sight<const N: usize>(estimated: &Estimated<N>, hold: f64, control: &Report) -> Sight {
+    let ([shift, turn], [shift_held, turn_held]) = (estimated.base.behind, control.held);
+    Sight { age: estimated.age(), hold, behind: [shift + shift_held, turn + turn_held] }
+}
+
+impl From<ControlError> for Fault {
+    fn from(error: ControlError) -> Self {
+        match error {
+            ControlError::Saturated { bound, value, limit } => Self::Saturated { bound, value, limit },
+            ControlError::Unreachable(error) => error.into(),
+            ControlError::Behind { joint, value, limit } => Self::Lead { joint, value, limit },
+            // Of a controller that has been made, only numbers that are none, and a tick a second late.
+            ControlError::Pid(_) | ControlError::Configuration => {
+                Self::Correction { quantity: Quantity::Finite, joint: 0, value: 0.0, limit: 0.0 }
+            }
+        }
+    }
 }

@@ -26,6 +26,7 @@ use crate::pose::Pose;
 use crate::tick::Reference;
 use crate::units::JointPos;
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 /// Time constant of the speed with which the base's shift moves the joints (s): the base moves slowly, and the drives have to lead
 /// for that too.
@@ -40,6 +41,9 @@ const HELD_MAX: f64 = 1e-4;
 
 /// How far they may before the patience runs.
 const LOST_MAX: f64 = 1e-3;
+
+/// How far the sum may stay behind at a joint (rad, m) while material is laid before the patience runs.
+const LEAD_LOST: f64 = 1e-3;
 
 /// Nearer than this (m, rad), what is added is just what is wanted.
 const EXACT: f64 = 1e-12;
@@ -60,7 +64,9 @@ pub struct Bounds {
     pub turn_speed_max: f64,
     /// How fast that may change (rad/s²).
     pub turn_acceleration_max: f64,
-    /// How long it may stay behind by more than 1 mm or 1 mrad (s): a step is gone by then, a base that runs away is not.
+    /// How long it may stay behind by more than 1 mm or 1 mrad (s): a step is gone by then, a base that runs away is not. Nor may
+    /// a joint stay behind by more than 1 mrad or 1 mm for longer while material is laid, nor the path wait for longer, be it
+    /// for the tracker or for a correction ([`crate::wait`]).
     pub patience: f64,
 }
 
@@ -94,7 +100,7 @@ pub struct Seen<'a, const N: usize> {
 }
 
 /// Which bound a correction broke.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Bound {
     /// [`Bounds::shift_max`], m.
     Shift,
@@ -118,6 +124,15 @@ pub enum ControlError {
     },
     /// No joints put the flange on its path from where the base is now.
     Unreachable(IkError),
+    /// While material is laid, a joint stayed behind for longer than the patience: the limits of corrections leave no room to lead.
+    Behind {
+        /// Joint, 0 for the first.
+        joint: u8,
+        /// How far (rad, m).
+        value: f64,
+        /// How far it may for long.
+        limit: f64,
+    },
     /// Gains, times or numbers that are none.
     Pid(PidError),
     /// Bounds that are not positive, or a dead time beyond [`DEAD_TICKS_MAX`] ticks.
@@ -137,6 +152,8 @@ pub struct Report {
     pub held: [f64; 2],
     /// By how much the sum stays behind what was wanted, for the limits of the joints (rad, m): a lead is then too short.
     pub behind: f64,
+    /// Whether what was wanted has been held back, so that the feedback waits.
+    pub saturated: bool,
     /// The branch of the estimate where it is not that of the reference: then feedback has nothing to say.
     pub other_branch: Option<Branch>,
     /// The reference's branch where it is not that of the tick before.
@@ -168,8 +185,9 @@ pub struct Control<const N: usize> {
     wanted: JointPos<N>,
     /// Whether what was wanted at the last tick has been held back.
     waits: bool,
-    /// How long it has stayed far behind (s).
+    /// How long it has stayed far behind at the tool (s), and at a joint.
     held: f64,
+    late: f64,
 }
 
 impl Bounds {
@@ -197,6 +215,11 @@ impl Bounds {
 }
 
 impl<const N: usize> Control<N> {
+    /// How long the path may wait while material is laid (s).
+    pub const fn patience(&self) -> f64 {
+        self.settings.bounds.of(self.settings.works).patience
+    }
+
     /// A controller that adds nothing yet, for ticks of `period` s. `family` is that of the arm.
     ///
     /// # Errors
@@ -228,6 +251,7 @@ impl<const N: usize> Control<N> {
             wanted: JointPos::ZERO,
             waits: false,
             held: 0.0,
+            late: 0.0,
         })
     }
 
@@ -277,7 +301,12 @@ impl<const N: usize> Control<N> {
         // The feedback waits for what is held back.
         let [shift, turn] = report.held;
         self.waits = behind > BEHIND_MAX || shift > HELD_MAX || turn > HELD_MAX;
-        report.behind = behind;
+        (report.behind, report.saturated) = (behind, self.waits);
+        self.late = if reference.deposit && reference.plays && behind > LEAD_LOST { self.late + period } else { 0.0 };
+        if self.late > self.settings.bounds.of(self.process).patience {
+            let (joint, value) = farthest(&wanted, &next);
+            return Err(ControlError::Behind { joint, value, limit: LEAD_LOST });
+        }
         let [shift, turn] = self.moved.map(|part| norm(&part.offsets()));
         (report.shift, report.turn) = (shift, turn);
         Ok((next, report))
@@ -402,6 +431,15 @@ impl<const N: usize> Control<N> {
     fn nearest(&self, arm: &Arm<N>, pose: &Pose, seed: &JointPos<N>) -> Result<Answer<N>, ControlError> {
         self.family.nearest(arm, pose, seed).map_err(ControlError::Unreachable)
     }
+}
+
+/// The joint in which two positions differ most, and by how much.
+fn farthest<const N: usize>(a: &JointPos<N>, b: &JointPos<N>) -> (u8, f64) {
+    let far = difference(a, b).0;
+    (0..).zip(far.iter()).fold((0, 0.0), |most, (joint, far)| {
+        let far = libm::fabs(*far);
+        if far > most.1 { (joint, far) } else { most }
+    })
 }
 
 fn norm(parts: &JointPos<3>) -> f64 {

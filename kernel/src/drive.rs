@@ -83,6 +83,21 @@ pub enum DriveError {
     NotFinite,
 }
 
+/// How far beyond its bounds a lag has to be asked for to be astray, as a share of their width: more than what noise does to a lag on
+/// its bound.
+const ASTRAY: f64 = 0.1;
+
+/// A drive that is not what it can be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Astray {
+    /// Joint, 0 for the first.
+    pub joint: u8,
+    /// The lag that its motion asks for (s).
+    pub lag: f64,
+    /// The bound beyond which that is (s).
+    pub limit: f64,
+}
+
 /// The drives of N joints, as assumed and as learnt.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identification<const N: usize> {
@@ -95,6 +110,8 @@ pub struct Identification<const N: usize> {
     sent: Delay<N, { DEAD_TICKS_MAX + 1 }>,
     /// Since the filters began (s); `None` before.
     since: Option<f64>,
+    /// For how long each joint's motion has asked for a lag beyond the bounds (s of motion), and for which.
+    astray: [(f64, f64); N],
 }
 
 /// The normal equations of one joint, about the assumed drive.
@@ -173,6 +190,7 @@ impl<const N: usize> Identification<N> {
             filters: [Filters { ahead: Filter::at(0.0), position: Filter::at(0.0) }; N],
             sent: Delay::at_rest(JointPos::ZERO),
             since: None,
+            astray: [(0.0, 0.0); N],
         })
     }
 
@@ -186,9 +204,18 @@ impl<const N: usize> Identification<N> {
         &self.learnt
     }
 
+    /// The first joint whose motion has asked for a lag beyond the bounds for as long as what is learnt counts. What is used stays
+    /// inside them; a gain at its bound is none, as a slow path tells little of it.
+    pub fn astray(&self) -> Option<Astray> {
+        let Learning { lag: [low, high], memory, .. } = self.learning;
+        let (joint, (_, lag)) = (0..).zip(self.astray.iter()).find(|(_, (time, _))| *time > memory)?;
+        Some(Astray { joint, lag: *lag, limit: if *lag < low { low } else { high } })
+    }
+
     /// The robot did not follow what was sent: what comes next begins anew. What was learnt stays.
     pub const fn pause(&mut self) {
         self.since = None;
+        self.astray = [(0.0, 0.0); N];
     }
 
     /// What was sent at this tick, and where the joints were at its beginning (rad, m), `dt` s after the last.
@@ -266,6 +293,12 @@ impl<const N: usize> Identification<N> {
         let rest = sums.v - sums.va * (found_inverse - assumed.inverse_gain);
         let found_lag =
             if found_inverse == assumed.inverse_gain + dk { found_lag } else { inside(lag, assumed.lag + rest / vv) };
+        let [low, high] = lag;
+        let (free, slack) = (assumed.lag + rest / vv, ASTRAY * (high - low));
+        if let Some((time, asked)) = self.astray.get_mut(joint) {
+            *time = if free < low - slack || free > high + slack { *time + dt } else { 0.0 };
+            *asked = free;
+        }
         if let Some(learnt) = self.learnt.get_mut(joint)
             && found_lag.is_finite()
             && found_inverse.is_finite()

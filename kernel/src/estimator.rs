@@ -93,8 +93,20 @@ pub struct Estimated<const N: usize> {
     /// Poses that the base's estimate took in, and those that it did not believe or could not use; of more than [`POSES_MAX`]
     /// the oldest are not looked at.
     pub poses: [u32; 2],
+    /// Normalised innovation squared of the last pose that the base's estimate judged at this tick, taken or gated.
+    pub nis: Option<f64>,
     /// What the filter did; it starts anew after an error.
     pub filter: Result<replay::Report, EkfError>,
+}
+
+impl<const N: usize> Estimated<N> {
+    /// How old the last pose is that was believed (s); none while the base is not trusted.
+    pub const fn age(&self) -> Option<f64> {
+        match self.base.trust {
+            Trust::Held { age } => Some(age),
+            Trust::Ended => None,
+        }
+    }
 }
 
 /// The estimator of an N-joint arm; it remembers `DEPTH` ticks.
@@ -137,6 +149,11 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
         &self.base
     }
 
+    /// For how long the base is trusted after the last pose that was believed (s).
+    pub const fn hold(&self) -> f64 {
+        self.config.base.hold
+    }
+
     /// Forgets an excess of the base: a person has left the fault that it was.
     pub fn clear(&mut self) {
         self.base.clear();
@@ -160,13 +177,16 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
     ) -> Result<Estimated<N>, Excess> {
         // A tick at the same time, or joints that are none, is for the kernel to tell.
         let _ = self.encoders.push(now, &robot.actual);
-        let mut counts = [0_u32; 2];
+        let (mut counts, mut nis) = ([0_u32; 2], None);
         let over = poses.len().saturating_sub(POSES_MAX);
         for pose in poses.iter().skip(over) {
-            let taken = self.see(arm, pose);
+            let verdict = self.see(arm, pose);
             let [good, bad] = &mut counts;
-            let count = if taken { good } else { bad };
+            let count = if matches!(verdict, Some(Verdict::Taken { .. } | Verdict::Acquired)) { good } else { bad };
             *count = count.saturating_add(1);
+            if let Some(Verdict::Taken { nis: judged } | Verdict::Gated { nis: judged, .. }) = verdict {
+                nis = Some(judged);
+            }
         }
         let filter = self.filter(arm, now, robot, poses.last());
         let acts = now.plus((self.config.dead_time * 1e9) as u64);
@@ -174,12 +194,12 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
         let joints = self.filter.as_ref().map_or(robot.actual, |filter| filter.ekf().state().position);
         let trusted = matches!(base.trust, Trust::Held { .. }) && self.disbelieved <= DOUBT_MAX && filter.is_ok();
         let base_from_flange = trusted.then(|| arm.forward(&joints));
-        Ok(Estimated { base, joints, base_from_flange, poses: counts, filter })
+        Ok(Estimated { base, joints, base_from_flange, poses: counts, nis, filter })
     }
 
-    /// Whether the base's estimate took the pose in.
-    fn see(&mut self, arm: &Arm<N>, pose: &TrackerPose) -> bool {
-        let Ok(joints) = self.encoders.at(pose.at) else { return false };
+    /// What the base's estimate made of the pose; `None` where it could not use it.
+    fn see(&mut self, arm: &Arm<N>, pose: &TrackerPose) -> Option<Verdict> {
+        let joints = self.encoders.at(pose.at).ok()?;
         let TrackerPose { at, tracker_from_target, position_deviation, rotation_deviation } = *pose;
         let joint_deviation = self.config.joint_deviation;
         let measurement = BaseMeasurement {
@@ -190,7 +210,7 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
             joints,
             joint_deviation,
         };
-        matches!(self.base.measure(arm, &measurement), Ok(Verdict::Taken { .. } | Verdict::Acquired))
+        self.base.measure(arm, &measurement).ok()
     }
 
     /// Moves the filter on, with the newest of the poses: those of a tracker that is faster than the ticks tell it little more.
@@ -250,3 +270,6 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,6 +1,8 @@
 //! Why the kernel stopped on its own. `docs/faults.md` lists the same codes, causes and actions.
 
+use crate::control::Bound;
 use crate::guard::Quantity;
+use crate::ik::IkError;
 use serde::{Deserialize, Serialize};
 
 /// What only a tick can find. Each has a code, a cause in words and an action.
@@ -55,11 +57,91 @@ pub enum Fault {
         /// Value allowed.
         limit: f64,
     },
+    /// What the loop wants to add moves the tool too far, or could not be added fast enough for too long. Since 1.1.
+    Saturated {
+        /// Which bound.
+        bound: Bound,
+        /// What was asked for (m, rad, s).
+        value: f64,
+        /// What is allowed.
+        limit: f64,
+    },
+    /// No joints put the flange on its path from where the base is now. Since 1.1.
+    Unreachable {
+        /// Why.
+        reason: Unreached,
+        /// How far (m, rad), where the reason has a figure; else 0.
+        value: f64,
+    },
+    /// The base is displaced by more than a correction may be. Since 1.1.
+    Base {
+        /// 0 to 2: along x, y, z of the nominal base frame; 3 to 5: about them.
+        axis: u8,
+        /// Displacement found, or where it could be braken (m, rad).
+        value: f64,
+        /// Displacement allowed.
+        limit: f64,
+    },
+    /// A drive's lag was identified at a bound for as long as what is learnt counts. Since 1.1.
+    Drive {
+        /// Joint, 0 for the first.
+        joint: u8,
+        /// Lag that the motion asks for (s).
+        value: f64,
+        /// The bound (s).
+        limit: f64,
+    },
+    /// While material was laid, a joint's corrections and lead stayed behind for too long: their limits are too narrow. Since 1.1.
+    Lead {
+        /// Joint, 0 for the first.
+        joint: u8,
+        /// How far behind (rad or m).
+        value: f64,
+        /// How far it may be for long.
+        limit: f64,
+    },
+    /// The tracker was not to be trusted for longer than the path may wait for it. Since 1.1.
+    Tracker {
+        /// For how long the path has waited (s).
+        value: f64,
+        /// For how long it may.
+        limit: f64,
+    },
+}
+
+/// Why a pose cannot be reached: [`IkError`] as it crosses the wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Unreached {
+    /// It lies outside of what the arm can reach; by so many metres.
+    Reach,
+    /// The arm cannot give the flange this orientation; by so many rad.
+    Orientation,
+    /// A joint would have to be beyond its limits, there (rad, m).
+    Limit,
+    /// So close to a singularity that the joints cannot be found; as near to it as this.
+    Singular,
+    /// The solution was not found: a pose that is none, an arm of another shape, or the iteration's cap.
+    Unsolved,
+}
+
+impl From<IkError> for Fault {
+    fn from(error: IkError) -> Self {
+        let (reason, value) = match error {
+            IkError::OutOfReach { by } => (Unreached::Reach, by),
+            IkError::Orientation { by } => (Unreached::Orientation, by),
+            IkError::Limit { position, .. } => (Unreached::Limit, position),
+            IkError::Singular { distance, .. } => (Unreached::Singular, distance),
+            IkError::NotFinite | IkError::NotRotation { .. } | IkError::OtherShape | IkError::NotConverged { .. } => {
+                (Unreached::Unsolved, 0.0)
+            }
+        };
+        Self::Unreachable { reason, value }
+    }
 }
 
 impl Fault {
     /// One of each kind, in the order of their codes.
-    pub const KINDS: [Self; 7] = [
+    pub const KINDS: [Self; 13] = [
         Self::Following { joint: 0, value: 0.0, limit: 0.0 },
         Self::Sensor { joint: 0 },
         Self::RobotNotReady,
@@ -67,7 +149,26 @@ impl Fault {
         Self::Extruder,
         Self::Deviation { joint: 0, value: 0.0, limit: 0.0 },
         Self::Correction { quantity: Quantity::Finite, joint: 0, value: 0.0, limit: 0.0 },
+        Self::Saturated { bound: Bound::Shift, value: 0.0, limit: 0.0 },
+        Self::Unreachable { reason: Unreached::Reach, value: 0.0 },
+        Self::Base { axis: 0, value: 0.0, limit: 0.0 },
+        Self::Drive { joint: 0, value: 0.0, limit: 0.0 },
+        Self::Lead { joint: 0, value: 0.0, limit: 0.0 },
+        Self::Tracker { value: 0.0, limit: 0.0 },
     ];
+
+    /// The same for a reader of this minor version: what 1.0 does not know is to it a correction outside the workspace. So it
+    /// sees that the kernel stands in a fault, and can leave it by its number.
+    pub const fn told_to(self, minor: u8) -> Self {
+        let (joint, value, limit) = match self {
+            Self::Saturated { value, limit, .. } | Self::Tracker { value, limit } => (0, value, limit),
+            Self::Unreachable { value, .. } => (0, value, 0.0),
+            Self::Base { axis, value, limit } => (axis, value, limit),
+            Self::Drive { joint, value, limit } | Self::Lead { joint, value, limit } => (joint, value, limit),
+            _ => return self,
+        };
+        if minor > 0 { self } else { Self::Correction { quantity: Quantity::Workspace, joint, value, limit } }
+    }
 
     /// The code in logs and messages.
     pub const fn code(&self) -> &'static str {
@@ -79,6 +180,12 @@ impl Fault {
             Self::Extruder => "K5",
             Self::Deviation { .. } => "K6",
             Self::Correction { .. } => "K7",
+            Self::Saturated { .. } => "K8",
+            Self::Unreachable { .. } => "K9",
+            Self::Base { .. } => "K10",
+            Self::Drive { .. } => "K11",
+            Self::Lead { .. } => "K12",
+            Self::Tracker { .. } => "K13",
         }
     }
 
@@ -92,6 +199,12 @@ impl Fault {
             Self::Extruder => "the extruder failed",
             Self::Deviation { .. } => "the estimated position deviates from its target",
             Self::Correction { .. } => "a correction broke its limits",
+            Self::Saturated { .. } => "the loop would have to move the tool farther or faster than it may",
+            Self::Unreachable { .. } => "the arm cannot reach its path from where the base is now",
+            Self::Base { .. } => "the base has moved farther than may be corrected",
+            Self::Drive { .. } => "a drive lags more or less than it can",
+            Self::Lead { .. } => "what is sent cannot lead the path as it should",
+            Self::Tracker { .. } => "the tracker has been lost for too long",
         }
     }
 
@@ -110,6 +223,20 @@ impl Fault {
                 "check the tracker and its registration, and that nothing moved the base; then re-arm"
             }
             Self::Correction { .. } => "check the tracker, and what moves the base so far or so fast; then re-arm",
+            Self::Saturated { .. } => {
+                "look at what moves the base or bends the arm; check the tracker's mounting and the bounds of [control]; then \
+                 re-arm"
+            }
+            Self::Unreachable { .. } => "bring the base back, or plan the part nearer to it; then re-arm",
+            Self::Base { .. } => {
+                "look at the base and what carries it; register it anew, or widen the bounds of [shift]; then re-arm"
+            }
+            Self::Drive { .. } => {
+                "compare look-ahead, gain and dead time of the cell file with what the robot runs, and the bounds of [lead]; \
+                 then re-arm"
+            }
+            Self::Lead { .. } => "widen the limits of [lead], or plan slower; then re-arm",
+            Self::Tracker { .. } => "clear the beam and look at the tracker; then re-arm",
         }
     }
 }

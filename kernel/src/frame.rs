@@ -14,8 +14,11 @@ pub use message::*;
 
 use serde::{Deserialize, Serialize};
 
-/// Version of envelope and messages, major in the upper four bits, minor in the lower: 1.0.
-pub const VERSION: u8 = 0x10;
+/// Version of envelope and messages, major in the upper four bits, minor in the lower: 1.1.
+pub const VERSION: u8 = 0x11;
+
+/// The minor version alone.
+pub const MINOR: u8 = VERSION & 0xf;
 
 /// Longest frame before COBS: version, message, CRC.
 pub const FRAME_MAX: usize = 1024;
@@ -126,6 +129,12 @@ impl Reader {
             self.store(byte);
         }
         None
+    }
+
+    /// Minor version of the frame that was read last, if that was whole.
+    pub fn minor(&self) -> u8 {
+        let [version, ..] = self.plain;
+        version & 0xf
     }
 
     fn store(&mut self, byte: u8) {

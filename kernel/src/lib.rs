@@ -31,3 +31,4 @@ pub mod setpoint;
 mod steps;
 pub mod tick;
 pub mod units;
+pub mod wait;

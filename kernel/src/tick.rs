@@ -1,13 +1,16 @@
 //! One cycle: [`Kernel::receive`] takes frames, [`Kernel::tick`] moves one period on, [`Kernel::poll_transmit`] gives answers.
 
+mod exchange;
 mod obey;
+
+pub use exchange::{Command, Corrected, Reference, Sensors};
 
 use crate::arm::Arm;
 use crate::clock::{PathClock, Played};
 use crate::config::Config;
 use crate::correction::{Correction, CorrectionLimits};
 use crate::fault::Fault;
-use crate::frame::{self, FaultReport, FrameError, FromKernel, Reader, Status, ToKernel};
+use crate::frame::{self, FaultReport, FrameError, FromKernel, LoopRecord, Reader, Status, ToKernel};
 use crate::guard::{Differences, Periods, Violation, exceeds};
 use crate::mode::{Event, Mode, StopCause};
 use crate::ring::Ring;
@@ -24,67 +27,6 @@ pub const STATUS_INTERVAL: u64 = 16;
 
 /// Most bytes of answers that wait for [`Kernel::poll_transmit`]: a buffer of this size gets whole frames only.
 pub const TRANSMIT_MAX: usize = 2048;
-
-/// What is known at one cycle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sensors<const N: usize> {
-    /// Actual joint positions as the robot says them (rad or m).
-    pub actual: JointPos<N>,
-    /// Joint positions by an estimator (rad or m), if there is one.
-    pub estimate: Option<JointPos<N>>,
-    /// Joint offsets to add to the path (rad or m). `None` takes those under way out, within their limits.
-    pub correction: Option<JointPos<N>>,
-    /// Whether the robot takes setpoints now: powered, no safety stop, its program running; and whatever else has to work
-    /// before anything moves.
-    pub ready: bool,
-}
-
-impl<const N: usize> Sensors<N> {
-    /// A robot that says where it is, and nothing else.
-    pub const fn robot(actual: JointPos<N>, ready: bool) -> Self {
-        Self { actual, estimate: None, correction: None, ready }
-    }
-}
-
-/// What the path asks for at a tick, for whoever corrects it.
-#[derive(Clone, Copy, Debug)]
-pub struct Reference<const N: usize> {
-    /// The path (rad or m).
-    pub joints: JointPos<N>,
-    /// How it moves.
-    pub velocity: JointVel<N>,
-    /// How that changes.
-    pub acceleration: JointAcc<N>,
-    /// Whether it is one along which material is laid.
-    pub deposit: bool,
-    /// Whether the path is being played; else it stands.
-    pub plays: bool,
-    /// The correction in what was sent last.
-    pub correction: Correction<N>,
-    /// What the next one has to keep.
-    pub limits: CorrectionLimits,
-    /// From tick to tick (s).
-    pub period: f64,
-}
-
-/// What is to happen at this cycle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Command<const N: usize> {
-    /// Joint targets (rad or m); `None` while the robot's position is not known: then nothing may be sent.
-    pub joints: Option<JointPos<N>>,
-    /// The setpoint they stand for, or were interpolated behind; 0 before the first.
-    pub seq: u32,
-    /// Extrusion rate (m³/s).
-    pub flow: f64,
-    /// Whether the path here is one along which material is laid; at rest there too, when nothing flows.
-    pub deposit: bool,
-    /// Path clock rate, 0 to 1.
-    pub rate: f64,
-    /// The correction in the targets (rad or m).
-    pub correction: JointPos<N>,
-    /// Mode.
-    pub mode: Mode,
-}
 
 /// The kernel of an N-joint arm with a ring of `CAP` setpoints.
 #[derive(Clone, Debug)]
@@ -112,6 +54,10 @@ struct State<const N: usize, const CAP: usize> {
     gate: Differences<N>,
     /// Rate to play at.
     rate: f64,
+    /// Whether the path waits for its correction.
+    waits: bool,
+    /// Minor version that the host speaks.
+    minor: u8,
     incoming: Option<Incoming<N>>,
     tick: Tick,
     ticked: Option<Nanos>,
@@ -146,6 +92,8 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
                 known: false,
                 gate: Differences::at_rest(nowhere),
                 rate: 1.0,
+                waits: false,
+                minor: frame::MINOR,
                 incoming: None,
                 tick: Tick(0),
                 ticked: None,
@@ -170,10 +118,14 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         self.budget -= taken;
         for &byte in bytes.iter().take(taken) {
             let Some(frame) = self.reader.push(byte) else { continue };
+            let whole = frame.is_ok();
             match frame.and_then(frame::decode) {
                 Ok(message) => self.state.obey(&message),
                 Err(FrameError::Message) => self.state.frames_unknown = self.state.frames_unknown.saturating_add(1),
                 Err(_) => self.state.frames_broken = self.state.frames_broken.saturating_add(1),
+            }
+            if whole {
+                self.state.minor = self.reader.minor();
             }
         }
         taken
@@ -182,6 +134,7 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
     /// Forgets a half-received frame: a new host speaks from here on.
     pub fn host_changed(&mut self) {
         self.reader = Reader::new();
+        self.state.minor = frame::MINOR;
         self.state.outbox.clear();
         self.state.drop_incoming();
     }
@@ -205,17 +158,17 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
 
     /// One cycle, begun at `now` on a monotonic clock. Bounded work, no allocation, no panic.
     pub fn tick(&mut self, now: Nanos, sensors: &Sensors<N>) -> Command<N> {
-        self.tick_corrected(now, sensors, |_| Ok(sensors.correction))
+        self.tick_corrected(now, sensors, |_| Ok(Corrected { joints: sensors.correction, waits: false }))
     }
 
     /// The same, the correction being found by `correct` from what the path asks for at this tick ([`Sensors::correction`] says
     /// nothing then). `None` takes the correction under way out, and so does a fault, which stops as one of the kernel's own. It
-    /// is not asked while the kernel is unready or faulted, nor while it stops for a fault.
+    /// is not asked while the kernel is unready or faulted, nor while it stops for a fault. [`Corrected::waits`] counts while it moves.
     pub fn tick_corrected(
         &mut self,
         now: Nanos,
         sensors: &Sensors<N>,
-        correct: impl FnOnce(&Reference<N>) -> Result<Option<JointPos<N>>, Fault>,
+        correct: impl FnOnce(&Reference<N>) -> Result<Corrected<N>, Fault>,
     ) -> Command<N> {
         self.budget = RECEIVE_MAX;
         let state = &mut self.state;
@@ -226,6 +179,18 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         state.settle();
         state.report();
         state.command()
+    }
+
+    /// Ticks since start.
+    pub(crate) const fn ticks(&self) -> u64 {
+        self.state.tick.0
+    }
+
+    /// What the loop around this kernel has to say; a host of 1.0 would not know it.
+    pub(crate) fn say_loop(&mut self, record: LoopRecord) {
+        if self.state.minor > 0 {
+            self.state.say(&FromKernel::Loop(record));
+        }
     }
 
     /// Copies answers for the host into `out`, returns how many bytes.
@@ -322,7 +287,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     }
 
     /// Moves the path clock on, corrects what it gives, and passes that through the last gate.
-    fn play(&mut self, correct: impl FnOnce(&Reference<N>) -> Result<Option<JointPos<N>>, Fault>) {
+    fn play(&mut self, correct: impl FnOnce(&Reference<N>) -> Result<Corrected<N>, Fault>) {
         let Some(config) = self.config.as_ref() else { return };
         let (output, periods, limits) = (config.output, config.periods, config.correction);
         if matches!(self.mode, Mode::Unready | Mode::Faulted { .. }) {
@@ -333,10 +298,16 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             self.path = self.clock.advance(&mut self.ring, periods.tick, periods.tick / periods.sample);
         }
         let before = self.correction;
-        let wanted =
-            if self.mode.fault().is_none() { correct(&self.reference(periods, limits, plays)) } else { Ok(None) };
+        let wanted = match self.mode.fault() {
+            None => correct(&self.reference(periods, limits, plays)),
+            Some(_) => Ok(Corrected { joints: None, waits: false }),
+        };
+        self.waits = wanted.is_ok_and(|wanted| wanted.waits);
+        if self.mode == Mode::Moving {
+            self.clock.set_target(self.target());
+        }
         let followed = wanted.and_then(|wanted| {
-            let Some(wanted) = wanted else { return Ok(false) };
+            let Some(wanted) = wanted.joints else { return Ok(false) };
             let followed = self.correction.follow(&wanted, &limits, periods.tick);
             let inside = followed.and_then(|()| self.correction.check(&self.path.joints, &config.workspace, &self.arm));
             let fault =
@@ -371,6 +342,11 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         let Played { joints, deposit, .. } = self.path;
         let period = periods.tick;
         Reference { joints, velocity, acceleration, deposit, plays, correction: self.correction, limits, period }
+    }
+
+    /// The rate that the path clock goes to while the path is played.
+    const fn target(&self) -> f64 {
+        if self.waits { 0.0 } else { self.rate }
     }
 
     /// Holds the last good output: there is nothing better left to do.
@@ -410,7 +386,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             self.faults = self.faults.saturating_add(1);
             self.fault_tick = self.tick.0;
             if let Some(report) = self.fault() {
-                self.say(&FromKernel::Fault(report));
+                self.say(&FromKernel::Fault(report.told_to(self.minor)));
             }
         }
         if matches!(event, Event::Hold | Event::Resume) {
@@ -431,7 +407,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
             Mode::Holding if self.is_played_out() => self.stand(),
             Mode::Faulted { .. } => self.drop_ring(),
             Mode::Moving => {
-                self.clock.set_target(self.rate);
+                self.clock.set_target(self.target());
             }
             Mode::Stopping { .. } => {
                 self.clock.set_target(0.0);
@@ -478,7 +454,9 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
     fn report(&mut self) {
         if self.said != Some(self.mode) || self.tick.0.is_multiple_of(STATUS_INTERVAL) {
             self.said = Some(self.mode);
-            self.say(&FromKernel::Status(self.status()));
+            let status = self.status();
+            let fault = status.fault.map(|report| report.told_to(self.minor));
+            self.say(&FromKernel::Status(Status { fault, ..status }));
         }
     }
 
@@ -519,7 +497,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         let Played { seq, flow, deposit, .. } = self.path;
         let rate = if matches!(self.mode, Mode::Moving | Mode::Stopping { .. }) { self.clock.rate() } else { 0.0 };
         let (joints, correction) = (self.known.then_some(self.output), self.correction.offsets());
-        Command { joints, seq, flow, deposit, rate, correction, mode: self.mode }
+        Command { joints, path: self.path.joints, seq, flow, deposit, rate, correction, mode: self.mode }
     }
 }
 

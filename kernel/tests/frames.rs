@@ -2,13 +2,14 @@
 
 mod common;
 
-use common::fuzz::{TO_KERNEL, crc, envelope, fuzz, golden, read};
+use common::fuzz::{TO_KERNEL, crc, envelope, fuzz, golden, golden_1_1, read};
 use common::{Bench, PLAN, both, configure, sweep};
+use screed_kernel::control::Bound;
 use screed_kernel::correction::CorrectionLimits;
-use screed_kernel::fault::Fault;
+use screed_kernel::fault::{Fault, Unreached};
 use screed_kernel::frame::{
-    self, BatchPart, CODE_MAX, Configure, CycleRecord, FRAME_MAX, FaultReport, FrameError, FromKernel, JOINTS_MAX,
-    ModeCode, Refusal, Status, ToKernel, Unsound, VERSION, WIRE_MAX,
+    self, BaseRecord, BatchPart, CODE_MAX, Configure, CycleRecord, FRAME_MAX, FaultReport, FrameError, FromKernel,
+    JOINTS_MAX, LoopRecord, ModeCode, Refusal, Status, ToKernel, Unsound, VERSION, WIRE_MAX,
 };
 use screed_kernel::guard::{PLANES_MAX, Plane, Quantity};
 use screed_kernel::setpoint::{Coder, Setpoint, flow_on_grid, joint_on_grid};
@@ -17,6 +18,10 @@ use screed_kernel::units::JointPos;
 /// Lines of the golden file, and the CRC-32 of all their bytes in a row.
 const FROZEN_LINES: usize = 59;
 const FROZEN: u32 = 0xef16_3c0b;
+
+/// The same of what version 1.1 appends.
+const FROZEN_LINES_1_1: usize = 19;
+const FROZEN_1_1: u32 = 0xe52b_4449;
 
 const CORRECTION: CorrectionLimits = CorrectionLimits { size_max: 0.02, velocity_max: 0.1, acceleration_max: 1.0 };
 
@@ -89,7 +94,7 @@ const STATUS: Status = Status {
     time_lost_ns: 4_000_000,
 };
 
-/// Every message from the kernel, and in them every refusal, fault and mode.
+/// Every message of 1.0 from the kernel, and in them every refusal, fault and mode.
 fn from_kernel() -> Vec<(String, FromKernel)> {
     let cycle = CycleRecord {
         tick: 123_456,
@@ -114,12 +119,12 @@ fn from_kernel() -> Vec<(String, FromKernel)> {
         ("alarm".into(), FromKernel::Alarm { fatal: true, note: note("the robot is silent") }),
     ];
     messages.extend(modes());
-    messages.extend(faults().map(|(code, report)| {
+    messages.extend(faults_1_0().map(|(code, report)| {
         let status = Status { mode: ModeCode::Faulted, fault: Some(report), ..STATUS };
         (format!("status-{code}"), FromKernel::Status(status))
     }));
     messages.extend(refusals());
-    messages.extend(faults().map(|(code, report)| (format!("fault-{code}"), FromKernel::Fault(report))));
+    messages.extend(faults_1_0().map(|(code, report)| (format!("fault-{code}"), FromKernel::Fault(report))));
     messages
 }
 
@@ -130,7 +135,7 @@ fn modes() -> impl Iterator<Item = (String, FromKernel)> {
         .map(|mode| (format!("status-{mode:?}").to_lowercase(), FromKernel::Status(Status { mode, ..STATUS })))
 }
 
-fn faults() -> impl Iterator<Item = (String, FaultReport)> {
+fn faults_1_0() -> impl Iterator<Item = (String, FaultReport)> {
     let (joint, value, limit) = (1, 0.25, 0.125);
     let faults = [
         Fault::Following { joint, value, limit },
@@ -141,8 +146,72 @@ fn faults() -> impl Iterator<Item = (String, FaultReport)> {
         Fault::Deviation { joint, value, limit },
         Fault::Correction { quantity: Quantity::Acceleration, joint, value, limit },
     ];
-    assert_eq!(faults.len(), Fault::KINDS.len());
     faults.into_iter().map(|fault| (fault.code().to_lowercase(), FaultReport { number: 2, fault, tick: 123_000 }))
+}
+
+/// What version 1.1 appends: every fault, every reason in one, a record of the loop with and without a tracker, a path.
+fn since_1_1() -> Vec<(String, FromKernel)> {
+    let (joint, value, limit) = (1, 0.25, 0.125);
+    let reasons =
+        [Unreached::Reach, Unreached::Orientation, Unreached::Limit, Unreached::Singular, Unreached::Unsolved];
+    let bounds = [Bound::Shift, Bound::Turn, Bound::Speed];
+    let faults: Vec<Fault> = bounds
+        .map(|bound| Fault::Saturated { bound, value, limit })
+        .into_iter()
+        .chain(reasons.map(|reason| Fault::Unreachable { reason, value }))
+        .chain([
+            Fault::Base { axis: 4, value, limit },
+            Fault::Drive { joint, value, limit },
+            Fault::Lead { joint, value, limit },
+            Fault::Tracker { value, limit },
+        ])
+        .collect();
+    let mut codes: Vec<_> = faults.iter().map(Fault::code).collect();
+    codes.dedup();
+    assert_eq!(codes.len() + faults_1_0().count(), Fault::KINDS.len());
+    let base = BaseRecord {
+        age: Some(0.004),
+        displacement: [1e-3, -2e-3, 3e-3, 1e-4, 0.0, -2e-4],
+        behind: [1e-5, 2e-6],
+        nis: Some(5.25),
+        taken: 70_000,
+        refused: 12,
+        gated: 3,
+        late: 2,
+        deferred: 1,
+    };
+    let record = LoopRecord {
+        tick: 123_456,
+        base: Some(base),
+        closed: true,
+        waits: false,
+        saturated: true,
+        moved: [2.5e-3, 1e-3],
+        held: [1e-4, 0.0],
+        behind: 5e-4,
+        lag: both(0.1),
+        inverse_gain: both(0.005),
+    };
+    let lost = BaseRecord { age: None, nis: None, ..base };
+    let reports = (0..).zip(faults).map(|(number, fault): (u32, _)| {
+        let report = FaultReport { number: 2, fault, tick: 123_000 };
+        (format!("fault-{}-{number}", fault.code().to_lowercase()), FromKernel::Fault(report))
+    });
+    let status = FaultReport { number: 2, fault: Fault::Tracker { value, limit }, tick: 123_000 };
+    let status = Status { mode: ModeCode::Faulted, fault: Some(status), ..STATUS };
+    let nine = (1..=JOINTS_MAX).map(|joint| 0.01 * joint as f64).collect::<frame::JointValues>();
+    let widest = LoopRecord { lag: nine.clone(), inverse_gain: nine.clone(), ..record.clone() };
+    let mut messages: Vec<_> = reports.collect();
+    messages.extend([
+        ("status-k13".to_owned(), FromKernel::Status(status)),
+        ("loop".to_owned(), FromKernel::Loop(record.clone())),
+        ("loop-lost".to_owned(), FromKernel::Loop(LoopRecord { base: Some(lost), waits: true, ..record.clone() })),
+        ("loop-lead-only".to_owned(), FromKernel::Loop(LoopRecord { base: None, closed: false, ..record })),
+        ("loop-9-joints".to_owned(), FromKernel::Loop(widest)),
+        ("path".to_owned(), FromKernel::Path { tick: 123_456, joints: both(0.1) }),
+        ("path-9-joints".to_owned(), FromKernel::Path { tick: 123_456, joints: nine }),
+    ]);
+    messages
 }
 
 fn refusals() -> impl Iterator<Item = (String, FromKernel)> {
@@ -223,7 +292,7 @@ fn comes_back<const N: usize>(code: &[u8], setpoints: &[Setpoint<N>]) {
 }
 
 /// A golden line is what the message is encoded to by another envelope than the kernel's own, and is read back by it.
-fn agrees<'a, M>(name: &str, message: &M, golden: &(String, Vec<u8>), plain: &'a [u8])
+fn agrees<'a, M>(version: u8, name: &str, message: &M, golden: &(String, Vec<u8>), plain: &'a [u8])
 where
     M: serde::Serialize + serde::Deserialize<'a> + PartialEq + std::fmt::Debug,
 {
@@ -231,7 +300,7 @@ where
     let mut body = vec![0; FRAME_MAX];
     let body = postcard::to_slice(message, &mut body).unwrap();
     let line = |name: &str, bytes: &[u8]| format!("{name}: {}", hex(bytes));
-    assert_eq!(line(&golden.0, &golden.1), line(name, &envelope(0x10, body)));
+    assert_eq!(line(&golden.0, &golden.1), line(name, &envelope(version, body)));
     assert_eq!(hex(&wire(message)), hex(&envelope(VERSION, body)));
     assert_eq!(frame::decode::<M>(plain).as_ref(), Ok(message));
 }
@@ -246,20 +315,33 @@ fn every_message_is_encoded_to_and_decoded_from_the_committed_bytes() {
     assert_eq!(to_kernel.len(), TO_KERNEL);
     for (name, message) in &to_kernel {
         let (golden, plain) = lines.next().unwrap();
-        agrees(name, message, golden, plain);
+        agrees(0x10, name, message, golden, plain);
     }
     for (name, message) in &from_kernel {
         let (golden, plain) = lines.next().unwrap();
-        agrees(name, message, golden, plain);
+        agrees(0x10, name, message, golden, plain);
     }
     for (name, message) in &other_arms(&wide) {
         let (golden, plain) = lines.next().unwrap();
-        agrees(name, message, golden, plain);
+        agrees(0x10, name, message, golden, plain);
     }
     assert_eq!(lines.next(), None, "a golden line without a message");
     comes_back(&narrow, &golden_setpoints());
     comes_back(&wide[0], &wide_setpoints::<3>());
     comes_back(&wide[1], &wide_setpoints::<9>());
+}
+
+#[test]
+fn what_1_1_appends_is_encoded_to_and_decoded_from_the_committed_bytes_and_frozen() {
+    let (golden, messages) = (golden_1_1(), since_1_1());
+    assert_eq!(golden.len(), messages.len());
+    for (golden, (name, message)) in golden.iter().zip(&messages) {
+        let plain = read(&golden.1).remove(0).unwrap();
+        agrees(0x11, name, message, golden, &plain);
+        assert!(golden.1.len() <= 512, "{name}");
+    }
+    let bytes: Vec<u8> = golden.iter().flat_map(|(_, bytes)| bytes.iter().copied()).collect();
+    assert_eq!((golden.len(), crc(&bytes)), (FROZEN_LINES_1_1, FROZEN_1_1));
 }
 
 /// Whoever changes the format finds this test: bytes of version 1.0 stay as they are, and stay readable. What a later minor

@@ -42,9 +42,20 @@ fn reference(arm: &Arm<N>, start: [f64; N]) -> Vec<[f64; N]> {
         .collect()
 }
 
-/// One print: share of errors inside three standard deviations, poses taken and offered, and the largest error of a joint's place at any
-/// time (rad).
-fn print(arm: &Arm<N>, reference: &[[f64; N]], seed: u64) -> (f64, [usize; 2], f64) {
+/// What came of one print.
+struct Printed {
+    /// Share of errors inside three standard deviations.
+    covered: f64,
+    /// Poses taken and offered, but for those that lie.
+    poses: [usize; 2],
+    /// The same of those that lie by 1 m.
+    lies: [usize; 2],
+    /// The largest error of a joint's place at any time (rad).
+    worst: f64,
+}
+
+/// One print; of so many poses one lies, 0 for none.
+fn print(arm: &Arm<N>, reference: &[[f64; N]], seed: u64, one_lies_in: u64) -> Printed {
     let mut random = Random(seed);
     let noise = TRACKER;
     let deviation = deviation(&noise);
@@ -56,7 +67,8 @@ fn print(arm: &Arm<N>, reference: &[[f64; N]], seed: u64) -> (f64, [usize; 2], f
     let mut ekf = Ekf::new(start, &deviation, &DENSITY).unwrap();
     let tracker_from_base = Pose::from_roll_pitch_yaw(Vector3::new(3.0, -1.0, 0.5), 0.2, -0.1, 2.5);
     let flange_from_target = Pose::from_roll_pitch_yaw(Vector3::new(0.05, 0.02, 0.1), 0.3, 0.0, 1.0);
-    let (mut inside, mut all, mut poses, mut worst) = (0, 0, [0, 0], 0.0_f64);
+    let (mut inside, mut all, mut poses, mut lies, mut worst) = (0, 0, [0, 0], [0, 0], 0.0_f64);
+    let mut liar = Random(seed ^ 0x11e5);
     let mut out_of_sight = 0;
     for (tick, samples) in reference.windows(4).enumerate() {
         let command = JointJerk(std::array::from_fn(|i| {
@@ -79,8 +91,10 @@ fn print(arm: &Arm<N>, reference: &[[f64; N]], seed: u64) -> (f64, [usize; 2], f
             let is = tracker_from_base * arm.forward(&truth.position) * flange_from_target;
             let place = Vector3::from(random.normals(noise.position));
             let turn = Pose::from_rotation_vector(place, Vector3::from(random.normals(noise.rotation)));
+            let lies_now = one_lies_in > 0 && liar.below(one_lies_in) == 0;
+            let lie = if lies_now { Vector3::from(liar.normals(1.0)).normalize() } else { Vector3::zeros() };
             let tracker_from_target =
-                Pose { rotation: turn.rotation * is.rotation, translation: is.translation + place };
+                Pose { rotation: turn.rotation * is.rotation, translation: is.translation + place + lie };
             let measured = TrackedPose {
                 tracker_from_target,
                 tracker_from_base,
@@ -88,8 +102,9 @@ fn print(arm: &Arm<N>, reference: &[[f64; N]], seed: u64) -> (f64, [usize; 2], f
                 position_deviation: noise.position,
                 rotation_deviation: noise.rotation,
             };
-            poses[0] += usize::from(ekf.pose(arm, &measured).unwrap().is_taken());
-            poses[1] += 1;
+            let [taken, offered] = if lies_now { &mut lies } else { &mut poses };
+            *taken += usize::from(ekf.pose(arm, &measured).unwrap().is_taken());
+            *offered += 1;
         }
         let rates = JointVel(truth.velocity.0.map(|v| v + noise.rates * random.normal()));
         ekf.rates(&rates, &JointVel([noise.rates; N])).unwrap();
@@ -100,24 +115,38 @@ fn print(arm: &Arm<N>, reference: &[[f64; N]], seed: u64) -> (f64, [usize; 2], f
             worst = worst.max(error.fixed_rows::<N>(0).amax());
         }
     }
-    (inside as f64 / all as f64, poses, worst)
+    Printed { covered: inside as f64 / all as f64, poses, lies, worst }
 }
 
-#[test]
-fn three_sigma_cover_the_errors_of_a_print_through_dropouts() {
+/// Fifty prints of each arm; of so many poses one lies, 0 for none.
+fn prints(one_lies_in: u64) {
     for (arm, start) in [(UR10E, [0.3, -1.2, 1.6, -2.0, -1.5, 0.4]), (NJ130, [0.2, 0.3, -1.5, 0.3, 0.9, 0.2])] {
         let reference = reference(&arm, start);
-        let (mut covered, mut taken, mut offered, mut runs) = (0.0, 0, 0, 0.0);
+        let (mut covered, mut taken, mut offered, mut runs, mut lied) = (0.0, 0, 0, 0.0, 0);
         for seed in 0..50 {
-            let (share, poses, worst) = print(&arm, &reference, seed);
+            let Printed { covered: share, poses, lies, worst } = print(&arm, &reference, seed, one_lies_in);
+            assert_eq!(lies[0], 0, "{} seed {seed}: a pose that lies by 1 m was taken", arm.name);
+            lied += lies[1];
             covered += share;
             runs += 1.0;
             (taken, offered) = (taken + poses[0], offered + poses[1]);
             assert!(worst < 0.02, "{} seed {seed}: {worst}", arm.name);
         }
         covered /= runs;
-        println!("{}: 3σ cover {:.2} %, {taken} of {offered} poses taken", arm.name, 100.0 * covered);
+        println!("{}: 3σ cover {:.2} %, {taken} of {offered} poses taken, {lied} that lie", arm.name, 100.0 * covered);
+        assert_eq!(lied > 1000, one_lies_in > 0, "{lied}");
         assert!(covered >= 0.99, "{}: {covered}", arm.name);
         assert!(taken as f64 > 0.999 * offered as f64, "{}: {taken} of {offered}", arm.name);
     }
+}
+
+#[test]
+fn three_sigma_cover_the_errors_of_a_print_through_dropouts() {
+    prints(0);
+}
+
+/// As many lies as a bad line of sight has: one pose in fifty is off by 1 m in any direction.
+#[test]
+fn three_sigma_cover_them_too_where_poses_lie_by_a_metre() {
+    prints(50);
 }

@@ -42,8 +42,9 @@ pub struct Closed {
     rate: Vector3<f64>,
     dark: u32,
     report: Option<LoopReport<JOINTS>>,
-    /// Ticks with feedback, with the base trusted, with a replay, with a pose gated, with an excess, with the tool held back.
-    pub met: [u64; 6],
+    /// Ticks with feedback, with the base trusted, with a replay, with a pose gated, with an excess, with the tool held back, with
+    /// the path waiting.
+    pub met: [u64; 7],
 }
 
 impl Closed {
@@ -65,7 +66,7 @@ impl Closed {
             rate: Vector3::zeros(),
             dark: 0,
             report: None,
-            met: [0; 6],
+            met: [0; 7],
         }
     }
 
@@ -78,9 +79,11 @@ impl Closed {
             0 => self.truth.translation = self.any(0.004),
             1 => self.truth.rotation = self.any(0.002),
             2..5 => self.rate = self.any(0.003),
-            5 => self.dark = self.random.below(500),
+            5 => self.dark = self.random.below(600),
             // Farther than a base may be.
             6 if self.random.once_in(4) => self.truth.translation.x = 0.03,
+            // Farther than the tool may be moved for it.
+            7 if self.random.once_in(8) => self.truth.translation.x = 0.015,
             _ => self.dark = self.dark.saturating_sub(1),
         }
         self.poses = [None; 2];
@@ -118,7 +121,7 @@ impl Closed {
 
     /// All that the last cycle came to.
     pub fn hash(&mut self, hash: &mut Fnv) {
-        let (Some(around), Some(LoopReport { control, estimated })) = (&self.around, self.report.take()) else {
+        let (Some(around), Some(LoopReport { control, estimated, waits })) = (&self.around, self.report.take()) else {
             return;
         };
         for drive in around.identification().learnt() {
@@ -131,6 +134,8 @@ impl Closed {
         hash.integer(u64::from(control.closed));
         self.count(0, control.closed);
         self.count(5, control.held.iter().any(|held| *held > 0.0));
+        hash.integer(u64::from(waits));
+        self.count(6, waits);
         match estimated {
             Some(Ok(estimated)) => {
                 estimated.joints.0.iter().for_each(|number| hash.number(*number));
@@ -188,7 +193,7 @@ fn settings() -> Settings<JOINTS> {
         shift_acceleration_max: 0.1,
         turn_speed_max: 0.01,
         turn_acceleration_max: 0.1,
-        patience: 1.0,
+        patience: 0.4,
     };
     let gains = |crossover| [Gains::for_drive(&Drive { lag: 0.05, inverse_gain: 1e-3 }, crossover, 0.02); JOINTS];
     Settings {
@@ -202,12 +207,13 @@ fn settings() -> Settings<JOINTS> {
 
 const fn learning() -> Learning {
     Learning {
-        lag: [0.0, 0.3],
+        // The tape's robot does not lag: that is noticed in the end.
+        lag: [0.015, 0.05],
         inverse_gain: [0.0, 0.01],
         dead_time: DEAD_TIME,
         filter_time: 0.05,
         velocity_min: 0.01,
-        memory: 20.0,
+        memory: 0.5,
         noise: 1e-4,
         adoption: 0.3,
     }

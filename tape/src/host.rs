@@ -120,6 +120,7 @@ impl Host {
                 }
                 Ok(FromKernel::Status(status)) => seen.status(&status),
                 Ok(FromKernel::Fault(_)) => seen.faults_told += 1,
+                Ok(FromKernel::Loop(_)) => seen.loops += 1,
                 Ok(_) => {}
                 Err(_) => seen.answers_broken += 1,
             }

@@ -18,8 +18,8 @@ pub struct Seen {
     pub corrected: u64,
     /// Messages said: hello, configure, batch part, rate, hold, resume, stop, re-arm, quit.
     pub said: [u64; 9],
-    /// Statuses with each fault, K1 to K7.
-    pub faults: [u64; 7],
+    /// Statuses with each fault, K1 to K13. Of K9, a path out of reach, there is none: this base stays near.
+    pub faults: [u64; 13],
     /// Batches accepted.
     pub accepted: u64,
     /// Messages refused: mode, configuration, no room, full, too late, sequence, code, does not fit, not at rest, rate,
@@ -43,8 +43,11 @@ pub struct Seen {
     pub solved: [u64; 7],
     /// Frames from points: found, refused.
     pub registered: [u64; 2],
-    /// With the loop closed, ticks with feedback, the base trusted, a replay, a pose gated, an excess, the tool held back.
-    pub closed: [u64; 6],
+    /// With the loop closed, ticks with feedback, the base trusted, a replay, a pose gated, an excess, the tool held back, the path
+    /// waiting.
+    pub closed: [u64; 7],
+    /// What the loop has said of itself.
+    pub loops: u64,
     /// Answers whose bytes did not arrive whole, which only a changed host explains.
     pub answers_broken: u64,
     /// What could not be put into a frame: has to stay zero.
@@ -106,6 +109,12 @@ impl Seen {
                 Fault::Extruder => 4,
                 Fault::Deviation { .. } => 5,
                 Fault::Correction { .. } => 6,
+                Fault::Saturated { .. } => 7,
+                Fault::Unreachable { .. } => 8,
+                Fault::Base { .. } => 9,
+                Fault::Drive { .. } => 10,
+                Fault::Lead { .. } => 11,
+                Fault::Tracker { .. } => 12,
             };
             count(&mut self.faults, kind);
         }
@@ -130,10 +139,13 @@ impl Seen {
     /// Whether everything was met.
     pub fn is_complete(&self) -> bool {
         let [_, misfits @ ..] = &self.misfits;
+        let [k1, k2, k3, k4, k5, k6, k7, k8, _, loops @ ..] = self.faults;
+        let faults = [k1, k2, k3, k4, k5, k6, k7, k8];
         let lists = [
             &self.modes[..],
             &self.said,
-            &self.faults,
+            &faults,
+            &loops,
             &self.refused,
             &self.unsound,
             misfits,
@@ -143,7 +155,8 @@ impl Seen {
             &self.registered,
             &self.closed,
         ];
-        let singles = [self.bytes, self.corrected, self.accepted, self.statuses, self.faults_told, self.late];
+        let singles =
+            [self.bytes, self.corrected, self.accepted, self.statuses, self.faults_told, self.late, self.loops];
         lists.iter().all(|list| list.iter().all(|&n| n > 0)) && singles.iter().all(|&n| n > 0) && self.unsaid == 0
     }
 }
@@ -161,7 +174,7 @@ impl fmt::Display for Seen {
         writeln!(f, "ticks by mode      {:?} (unready, holding, moving, stopping, faulted)", self.modes)?;
         writeln!(f, "ticks corrected    {}, late {}", self.corrected, self.late)?;
         writeln!(f, "messages           {:?} (hello configure batch rate hold resume stop re-arm quit)", self.said)?;
-        writeln!(f, "statuses by fault  {:?} (K1 to K7)", self.faults)?;
+        writeln!(f, "statuses by fault  {:?} (K1 to K13)", self.faults)?;
         writeln!(f, "refusals           {:?} (mode configuration no-room full too-late", self.refused)?;
         writeln!(f, "                   sequence code does-not-fit not-at-rest rate stale)")?;
         writeln!(f, "  configuration    {:?} (joints periods positions motion errors", self.unsound)?;
@@ -174,7 +187,11 @@ impl fmt::Display for Seen {
             self.solved
         )?;
         writeln!(f, "frames registered  {:?} (found refused)", self.registered)?;
-        writeln!(f, "loop closed        {:?} (feedback trusted replay gated excess held)", self.closed)?;
+        writeln!(
+            f,
+            "loop closed        {:?} (feedback trusted replay gated excess held waits), said {}",
+            self.closed, self.loops
+        )?;
         let Self { accepted, statuses, faults_told, .. } = self;
         writeln!(f, "batches accepted   {accepted}, statuses {statuses}, faults told {faults_told}")?;
         write!(f, "answers broken     {}, unsaid {}", self.answers_broken, self.unsaid)

@@ -1,14 +1,15 @@
 //! How far the servo's lag is compensated: the demo's wall in virtual time, over every byte of the real path, on a simulated
 //! UR10e whose `servoj` has another look-ahead and gain than the cell file says.
 //!
-//! The first layer is printed while the drives are identified; the later ones are scored. Errors are those of the tool: actual
-//! against reference at equal stamps, the dead time that the cell names taken out; and actual against the model's curves.
+//! The first layer is printed while the drives are identified; the later ones are scored. Then the demo's own layer, the first, is
+//! printed once more by a cell that begins with what that one layer has taught. Errors are those of the tool: actual against
+//! reference at equal stamps, the dead time that the cell names taken out; and actual against the model's curves.
 
 pub mod report;
 
 use crate::config::{Cell, ConfigError, Lead};
 use crate::failure::Failure;
-use crate::model::fim;
+use crate::model::fim::{self, FimModel};
 use crate::plan::Options as PlanOptions;
 use crate::plan::contour::Contour;
 use crate::plan::moves::MoveKind;
@@ -87,8 +88,12 @@ pub struct Score {
     pub lag: [Error; 2],
     /// Actual against the curves of the layer, likewise.
     pub contour: [Error; 2],
+    /// Lag and contour on the demo's layer, printed anew with what one layer has taught; `None` without compensation.
+    pub again: Option<[Error; 2]>,
     /// Speed of the reference on the scored layers (m/s): mean and largest.
     pub speed: [f64; 2],
+    /// The joint whose share in the way was largest.
+    pub most: usize,
     /// What was learnt of the joint whose share in the way was largest; `None` without compensation.
     pub learnt: Option<Drive>,
     /// By how much a lead stayed behind at most (rad).
@@ -107,7 +112,8 @@ struct Recorded {
     samples: Vec<Sample>,
     /// Joints at every cycle of the robot.
     actual: Vec<JointPos<6>>,
-    learnt: Option<[Drive; 6]>,
+    /// When the first layer was done, and in the end.
+    learnt: [Option<[Drive; 6]>; 2],
     behind: f64,
 }
 
@@ -125,7 +131,8 @@ pub fn run(case: &Case) -> Result<Score, ServojError> {
     if let Some([lag, gain]) = case.assumed {
         cell.link.servoj_lookahead *= lag;
         cell.link.servoj_gain *= gain;
-        cell.lead = Some(Lead { limits: LIMITS, dead_time: DEAD_TIME });
+        let servo = [cell.link.servoj_lookahead, cell.link.servoj_gain];
+        cell.lead = Some(Lead::of(LIMITS, DEAD_TIME, servo));
     }
     let options = Options {
         start_q: cell.robot.start,
@@ -134,19 +141,31 @@ pub fn run(case: &Case) -> Result<Score, ServojError> {
         program,
         autoplay: true,
     };
-    let controller = Controller::new(&cell.robot.arm, options).map_err(|error| set_up(&error))?;
+    let recorded = print(&cell, &model, &options, LAYERS)?;
+    let contours = || model.layers.iter().map(|layer| Contour::new(&layer.segments)).collect::<Vec<_>>();
+    let mut found = score(case, &cell, contours(), &recorded);
+    let [taught, _] = recorded.learnt;
+    if let (Some(lead), Some(drives)) = (&mut cell.lead, taught) {
+        lead.drive = drives[found.most];
+        let again = score(case, &cell, contours(), &print(&cell, &model, &options, 1)?);
+        found.again = Some([again.lag[0], again.contour[0]]);
+    }
+    Ok(found)
+}
+
+/// Prints so many layers.
+fn print(cell: &Cell, model: &FimModel, options: &Options, layers: usize) -> Result<Recorded, ServojError> {
+    let set_up = |error: &dyn std::fmt::Display| ServojError::SetUp(error.to_string());
+    let controller = Controller::new(&cell.robot.arm, options.clone()).map_err(|error| set_up(&error))?;
     let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT).map_err(|error| set_up(&error))?;
-    let mut world = World::new(&cell, controller, extruder, None).map_err(VirtualError::from)?;
-    let wishes = Wishes { plan: PlanOptions { from_layer: 0, layers: Some(LAYERS), dry: false }, stop_after: None };
-    let mut session = Session::new(&cell, &model, wishes, None);
-    let recorded = record(&mut world, &mut session)?;
-    let contours: Vec<_> = model.layers.iter().map(|layer| Contour::new(&layer.segments)).collect();
-    Ok(score(case, &cell, contours, &recorded))
+    let mut world = World::new(cell, controller, extruder, None).map_err(VirtualError::from)?;
+    let wishes = Wishes { plan: PlanOptions { from_layer: 0, layers: Some(layers), dry: false }, stop_after: None };
+    record(&mut world, &mut Session::new(cell, model, wishes, None))
 }
 
 /// Steps the world until the print has ended.
 fn record(world: &mut World, session: &mut Session<'_>) -> Result<Recorded, ServojError> {
-    let mut recorded = Recorded { samples: Vec::new(), actual: Vec::new(), learnt: None, behind: 0.0 };
+    let mut recorded = Recorded { samples: Vec::new(), actual: Vec::new(), learnt: [None; 2], behind: 0.0 };
     let mut tick = 0;
     for cycle in 0..CYCLES_MAX {
         let step = world.step(session)?;
@@ -157,8 +176,12 @@ fn record(world: &mut World, session: &mut Session<'_>) -> Result<Recorded, Serv
         {
             tick = world.core().ticks();
             recorded.behind = recorded.behind.max(report.behind);
+            let drives = || world.core().lead().map(|lead| *lead.identification().learnt());
             if let Some(path) = plan.move_of(command.seq).filter(|path| path.kind == MoveKind::Deposit) {
                 let reference = JointPos(std::array::from_fn(|j| sent.0[j] - command.correction.0[j]));
+                if path.layer > 0 && recorded.learnt[0].is_none() {
+                    recorded.learnt[0] = drives();
+                }
                 recorded.samples.push(Sample { cycle, layer: path.layer, reference });
             }
         }
@@ -166,7 +189,7 @@ fn record(world: &mut World, session: &mut Session<'_>) -> Result<Recorded, Serv
             Step::Running => {}
             Step::Confirm => session.confirm(),
             Step::Ended(Outcome::Complete) => {
-                recorded.learnt = world.core().lead().map(|lead| *lead.identification().learnt());
+                recorded.learnt[1] = world.core().lead().map(|lead| *lead.identification().learnt());
                 return Ok(recorded);
             }
             Step::Ended(Outcome::Stopped) => return Err(ServojError::Ended("stopped".to_owned())),
@@ -211,7 +234,9 @@ fn score(case: &Case, cell: &Cell, mut contours: Vec<Contour>, recorded: &Record
         lag: lag.map(|sum| sum.error()),
         contour: contour.map(|sum| sum.error()),
         speed: [speed.sum / speed.count, speed.max],
-        learnt: recorded.learnt.map(|drives| drives[most]),
+        again: None,
+        most,
+        learnt: recorded.learnt[1].map(|drives| drives[most]),
         behind: recorded.behind,
     }
 }

@@ -6,6 +6,7 @@ use crate::config::{self, Cell};
 use crate::failure::{Exit, Failure};
 use crate::model::fim::{FimModel, Layer};
 use crate::plan::{Options, Plan};
+use screed_kernel::correction::CorrectionLimits;
 
 /// Looks at a cell file or a model, by the file's ending.
 pub fn run(args: &CheckArgs) -> Result<(), Failure> {
@@ -59,6 +60,7 @@ fn describe_cell(cell: &Cell) -> String {
          \x20 deposit   at most {:.0} mm/s, {:.0} mm/s², {:.0} mm/s³\n\
          \x20 link      RTDE to {}:{} at {} Hz, registers from {}, time-out {:.0} ms, watchdog {:.0} ms\n\
          \x20 servoj    look-ahead {} s, gain {}\n\
+         {}\
          \x20 extruder  {} at {} baud, at most {:.0} mm³/s\n\
          verified: every key is known, there, of the right type and unit and within its range; joint speeds within the \
          data sheet.\n\
@@ -83,10 +85,26 @@ fn describe_cell(cell: &Cell) -> String {
         link.watchdog * 1e3,
         link.servoj_lookahead,
         link.servoj_gain,
+        describe_lead(cell),
         cell.extruder.device.display(),
         cell.extruder.baud,
         cell.extruder.flow_max * 1e9,
     )
+}
+
+fn describe_lead(cell: &Cell) -> String {
+    let Some(lead) = cell.lead else { return String::new() };
+    let CorrectionLimits { size_max, velocity_max, .. } = lead.limits;
+    let [low, high] = lead.learning.lag.map(|lag| lag * 1e3);
+    let text = format!(
+        "  lead      at most {:.1} deg and {:.0} deg/s, dead time {:.1} ms; lag {:.0} ms at first, {low:.0} to {high:.0} ms learnt\n",
+        size_max.to_degrees(),
+        velocity_max.to_degrees(),
+        lead.learning.dead_time * 1e3,
+        lead.drive.lag * 1e3,
+    );
+    let tracker = "  tracker   described, but Screed has no link to one yet: this cell cannot be printed with\n";
+    text + if cell.tracked.is_some() { tracker } else { "" }
 }
 
 fn describe_model(model: &FimModel) -> String {
@@ -126,11 +144,24 @@ mod tests {
     #[test]
     fn sound_files_are_described() {
         let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures");
-        for file in ["cells/demo.toml", "cells/fim_fixture.toml", "data/FIM_fixture_IFC4.ifc"] {
+        for file in [
+            "cells/demo.toml",
+            "cells/fim_fixture.toml",
+            "cells/lead.toml",
+            "cells/tracker.toml",
+            "data/FIM_fixture_IFC4.ifc",
+        ] {
             assert_eq!(check(&fixtures.join(file)), Ok(()), "{file}");
         }
         let cell = Cell::demo(500).unwrap_or_else(|error| panic!("{error}"));
         let text = describe_cell(&cell);
+        let read = |name: &str| {
+            let cell = config::load(&fixtures.join(name)).unwrap_or_else(|error| panic!("{error}"));
+            describe_cell(&cell)
+        };
+        let lead = "lead      at most 8.0 deg and 30 deg/s, dead time 6.0 ms; lag 100 ms at first, 10 to 400 ms learnt";
+        assert!(!text.contains("lead") && read("cells/lead.toml").contains(lead), "{}", read("cells/lead.toml"));
+        assert!(read("cells/tracker.toml").contains("no link to one yet"));
         assert!(text.contains("RTDE to 127.0.0.1:30004 at 500 Hz") && text.contains("at most 100000 mm³/s"), "{text}");
         let (model, _) =
             read_model(&fixtures.join("data/FIM_fixture_IFC4.ifc")).unwrap_or_else(|error| panic!("{error}"));

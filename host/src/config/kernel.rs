@@ -1,10 +1,10 @@
 //! What the kernel is told of a cell.
 
-use super::Cell;
+use super::{Cell, Lead};
 use screed_kernel::closed_loop::{ClosedLoop, LoopError};
 use screed_kernel::control::{Bounds, Settings};
 use screed_kernel::correction::CorrectionLimits;
-use screed_kernel::drive::{Drive, Learning};
+use screed_kernel::estimator::{Estimator, EstimatorError};
 use screed_kernel::frame::{Configure, MotionLimits};
 use screed_kernel::guard::{Motion, Periods, output_least};
 use screed_kernel::pid::{ByProcess, Gains, Process};
@@ -41,30 +41,36 @@ impl Cell {
     }
 }
 
-/// What may be learnt of a servo: as far as `servoj` goes, a dead time that has not been named, and some more (s, s²).
-const LAG: [f64; 2] = [0.01, 0.4];
-const INVERSE_GAIN: [f64; 2] = [1.0 / 4000.0, 1.0 / 40.0];
+/// Ticks that the estimator remembers: a tracker's poses may come so late.
+pub const DEPTH: usize = 16;
+
+/// Why a cell's loop cannot be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CellLoopError {
+    /// Of the estimator.
+    Estimator(EstimatorError),
+    /// Of the loop.
+    Loop(LoopError),
+}
 
 impl Cell {
-    /// The loop that compensates the servo's lag, if the cell wants it: it begins with the look-ahead and gain that are set.
+    /// The loop that leads and corrects, if the cell wants one: without a tracker it compensates the servo's lag alone.
     ///
     /// # Errors
-    /// [`LoopError`]
-    pub fn closed_loop(&self) -> Result<Option<ClosedLoop<6, 2>>, LoopError> {
+    /// [`CellLoopError`]
+    pub fn closed_loop(&self) -> Result<Option<ClosedLoop<6, DEPTH>>, CellLoopError> {
         let Some(lead) = self.lead else { return Ok(None) };
         let period = 1.0 / f64::from(self.link.rate_hz);
-        let drive = Drive { lag: self.link.servoj_lookahead, inverse_gain: 1.0 / self.link.servoj_gain };
-        let learning = Learning {
-            lag: LAG,
-            inverse_gain: INVERSE_GAIN,
-            dead_time: lead.dead_time,
-            filter_time: 0.05,
-            velocity_min: 0.002,
-            memory: 30.0,
-            noise: 2e-5,
-            adoption: 0.5,
-        };
-        // Without a tracker there is nothing to feed back: bounds that are never reached.
+        let estimator = self.tracked.map(|tracked| Estimator::new(&tracked.estimator)).transpose();
+        let estimator = estimator.map_err(CellLoopError::Estimator)?;
+        let settings = self.tracked.map_or_else(|| self.lead_alone(&lead), |tracked| tracked.settings);
+        let Lead { drive, learning, .. } = lead;
+        let made = ClosedLoop::new(&self.robot.arm, estimator, &settings, &[drive; 6], &learning, period);
+        made.map(Some).map_err(CellLoopError::Loop)
+    }
+
+    /// Without a tracker there is nothing to feed back: bounds at the tool that are never reached.
+    fn lead_alone(&self, lead: &Lead) -> Settings<6> {
         let bounds = Bounds {
             shift_max: 1.0,
             turn_max: 1.0,
@@ -72,16 +78,15 @@ impl Cell {
             shift_acceleration_max: 1.0,
             turn_speed_max: 1.0,
             turn_acceleration_max: 1.0,
-            patience: 1.0,
+            patience: lead.patience,
         };
         let same = |value| ByProcess { deposit: value, travel: value, mill: value };
-        let settings = Settings {
+        Settings {
             gains: ByProcess { deposit: [Gains::NONE; 6], travel: [Gains::NONE; 6], mill: [Gains::NONE; 6] },
             bounds: same(bounds),
             works: Process::Deposit,
             flange_from_tcp: self.tool.flange_from_tcp,
-            dead_time: lead.dead_time,
-        };
-        ClosedLoop::new(&self.robot.arm, None, &settings, &[drive; 6], &learning, period).map(Some)
+            dead_time: lead.learning.dead_time,
+        }
     }
 }

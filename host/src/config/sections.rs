@@ -1,6 +1,7 @@
 //! The sections of a cell file, one function each. Each asks for all its keys before it gives up on any, so that one run
 //! reports everything that is wrong.
 
+use super::control;
 use super::keys;
 use super::read::{Document, Section};
 use super::{Bound, Cell, Extruder, Limits, Link, LinkKind, Part, Realtime, Robot, Tool, Travel};
@@ -17,12 +18,12 @@ use std::path::{Path, PathBuf};
 pub(super) const RATES_HZ: [i64; 2] = [125, 500];
 /// First register of the two ranges that RTDE clients may write.
 const REGISTER_OFFSETS: [i64; 2] = [0, 24];
-const SECTIONS: [&str; 10] =
-    ["robot", "tool", "base", "part", "workspace", "limits", "travel", "link", "extruder", "realtime"];
+const SECTIONS: [&str; 11] =
+    ["robot", "tool", "base", "part", "workspace", "limits", "travel", "link", "lead", "extruder", "realtime"];
 
 /// The whole cell; `None` when anything was wrong, which the document then knows.
 pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
-    let mut top = document.top(&SECTIONS);
+    let mut top = document.top(&[&SECTIONS[..], &control::TRACKED].concat());
     let name = top.text("name").map(str::to_owned);
     top.finish();
     let robot = robot(document);
@@ -33,6 +34,8 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
     let limits = limits(document);
     let travel = travel(document);
     let link = link(document, robot.as_ref().map(|robot| robot.simulated));
+    let lead = control::lead(document, link.as_ref());
+    let tracked = control::tracked(document, tool, link.as_ref());
     let extruder = extruder(document);
     let realtime = realtime(document);
     Some(Cell {
@@ -44,7 +47,8 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
         limits: limits?,
         travel: travel?,
         link: link?,
-        lead: None,
+        lead: lead?,
+        tracked: tracked?,
         extruder: extruder?,
         realtime: realtime?,
     })

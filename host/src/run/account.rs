@@ -6,7 +6,7 @@ use crate::plan::contour::Contour;
 use crate::plan::stream::Setpoint as Planned;
 use nalgebra::Point3;
 use screed_kernel::arm::Arm;
-use screed_kernel::frame::{CycleRecord, ModeCode};
+use screed_kernel::frame::{CycleRecord, LoopRecord, ModeCode};
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
 use serde::Serialize;
@@ -84,6 +84,8 @@ pub struct Account {
     expected: VecDeque<Planned>,
     hash: Fnv,
     last: Option<Last>,
+    /// Where the path was at which tick, when what was commanded then is something else.
+    path: Option<(u64, JointPos<6>)>,
     /// Figures for the final table.
     pub figures: Figures,
 }
@@ -92,7 +94,7 @@ pub struct Account {
 struct Last {
     tick: u64,
     seq: u32,
-    commanded: JointPos<6>,
+    path: JointPos<6>,
     received_ns: u64,
 }
 
@@ -113,14 +115,28 @@ pub struct Figures {
     pub stalls: u64,
     /// The longest such delay (s).
     pub stall_max_s: f64,
-    /// Commanded path against the model's curves, at the setpoints and half-way between.
+    /// Commanded path against the model's curves, at the setpoints and half-way between. Where what is sent leads the path, the path
+    /// is meant, and not what is sent.
     pub commanded_contour: Spread,
-    /// Actual against commanded position at equal stamps: what the robot's servo lags.
+    /// Actual position against that path at equal stamps: what the robot's servo lags, and what a lead leaves of it.
     pub following: Spread,
     /// Actual path against the model's curves.
     pub actual_contour: Spread,
     /// Volume extruded (m³), from the flow commanded.
     pub volume_m3: f64,
+    /// What the lead came to, where there is one.
+    pub lead: Option<Led>,
+}
+
+/// What a lead came to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Led {
+    /// Least and greatest lag of the drives as they were used last (s).
+    pub lag_s: [f64; 2],
+    /// Least and greatest 1/K of them (s²).
+    pub inverse_gain_s2: [f64; 2],
+    /// How far a joint's lead stayed behind at most, for its limits (rad), of what was told.
+    pub behind_max_rad: f64,
 }
 
 impl Account {
@@ -135,6 +151,7 @@ impl Account {
             expected: VecDeque::new(),
             hash: Fnv::new(),
             last: None,
+            path: None,
             figures: Figures::default(),
         }
     }
@@ -144,7 +161,8 @@ impl Account {
         self.expected.extend(path);
     }
 
-    /// Fingerprint over sequence number, joints and flow of the path's setpoints as they were commanded, in order, each once.
+    /// Fingerprint over sequence number, joints and flow of the path's setpoints as they were played, in order, each once; without
+    /// a lead they are what was commanded.
     pub fn hash(&self) -> u64 {
         self.hash.0
     }
@@ -152,6 +170,26 @@ impl Account {
     /// The tool centre point in the part frame (m).
     pub fn tcp_in_part(&self, joints: &JointPos<6>) -> Point3<f64> {
         Point3::from((self.part_from_base * self.arm.forward(joints) * self.flange_from_tcp).translation)
+    }
+
+    /// Where the path is at a tick, in a process whose commands are led and corrected: said before the cycle itself.
+    pub fn on_path(&mut self, tick: u64, joints: &[f64]) {
+        self.path = <[f64; 6]>::try_from(joints).ok().map(|joints| (tick, JointPos(joints)));
+    }
+
+    /// What the loop in the process came to.
+    pub fn on_loop(&mut self, record: &LoopRecord) {
+        let span = |values: &[f64]| {
+            values
+                .iter()
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &value| [low.min(value), high.max(value)])
+        };
+        let before = self.figures.lead.map_or(0.0, |lead| lead.behind_max_rad);
+        self.figures.lead = Some(Led {
+            lag_s: span(&record.lag),
+            inverse_gain_s2: span(&record.inverse_gain),
+            behind_max_rad: before.max(record.behind),
+        });
     }
 
     /// Takes one cycle into account; returns the path setpoint that was newly commanded in it, if one was.
@@ -174,21 +212,22 @@ impl Account {
         }
         figures.volume_m3 += record.flow * self.period_ns as f64 * 1e-9;
         let commanded = JointPos(<[f64; 6]>::try_from(record.commanded.as_slice()).ok()?);
+        let path = self.path.take().filter(|(tick, _)| *tick == record.tick).map_or(commanded, |(_, path)| path);
         let actual = JointPos(<[f64; 6]>::try_from(record.actual.as_slice()).ok()?);
         let last =
-            self.last.replace(Last { tick: record.tick, seq: record.seq, commanded, received_ns: record.received_ns });
+            self.last.replace(Last { tick: record.tick, seq: record.seq, path, received_ns: record.received_ns });
         let fresh = moving && last.is_none_or(|last| last.seq != record.seq);
-        let planned = if fresh { self.take_expected(record, &commanded, unrecorded) } else { None };
+        let planned = if fresh { self.take_expected(record, &path, unrecorded) } else { None };
         let layer = planned.filter(|planned| planned.deposit).map(|planned| planned.layer);
         if let Some(layer) = layer {
-            self.measure(layer, &commanded, last.map(|last| last.commanded), &actual);
+            self.measure(layer, &path, last.map(|last| last.path), &actual);
         }
         planned
     }
 
     /// The planned setpoint that was commanded; those before it that were not seen were skipped, but for as many as cycles
     /// went unrecorded.
-    fn take_expected(&mut self, record: &CycleRecord, commanded: &JointPos<6>, mut unrecorded: u64) -> Option<Planned> {
+    fn take_expected(&mut self, record: &CycleRecord, path: &JointPos<6>, mut unrecorded: u64) -> Option<Planned> {
         while self.expected.front().is_some_and(|planned| planned.seq < record.seq) {
             self.expected.pop_front();
             match unrecorded.checked_sub(1) {
@@ -199,24 +238,24 @@ impl Account {
         let planned = self.expected.pop_front_if(|planned| planned.seq == record.seq)?;
         self.figures.sent += 1;
         self.hash.push(&record.seq.to_le_bytes());
-        commanded.0.iter().for_each(|q| self.hash.push(&q.to_bits().to_le_bytes()));
+        path.0.iter().for_each(|q| self.hash.push(&q.to_bits().to_le_bytes()));
         self.hash.push(&record.flow.to_bits().to_le_bytes());
         Some(planned)
     }
 
-    fn measure(&mut self, layer: usize, commanded: &JointPos<6>, before: Option<JointPos<6>>, actual: &JointPos<6>) {
-        let (commanded_tcp, actual_tcp) = (self.tcp_in_part(commanded), self.tcp_in_part(actual));
+    fn measure(&mut self, layer: usize, path: &JointPos<6>, before: Option<JointPos<6>>, actual: &JointPos<6>) {
+        let (path_tcp, actual_tcp) = (self.tcp_in_part(path), self.tcp_in_part(actual));
         let between = before.map(|before| {
-            let halfway = std::array::from_fn(|j| 0.5 * (before.0[j] + commanded.0[j]));
+            let halfway = std::array::from_fn(|j| 0.5 * (before.0[j] + path.0[j]));
             self.tcp_in_part(&JointPos(halfway))
         });
         let Some(contour) = self.contours.get_mut(layer) else { return };
         let figures = &mut self.figures;
-        figures.commanded_contour.push(contour.distance(&commanded_tcp));
+        figures.commanded_contour.push(contour.distance(&path_tcp));
         if let Some(between) = between {
             figures.commanded_contour.push(contour.distance(&between));
         }
-        figures.following.push((commanded_tcp - actual_tcp).norm());
+        figures.following.push((path_tcp - actual_tcp).norm());
         figures.actual_contour.push(contour.distance(&actual_tcp));
     }
 }

@@ -2,9 +2,10 @@
 //! The timed process and virtual time both drive this one machine.
 
 use crate::config::Cell;
+use crate::config::kernel::{CellLoopError, DEPTH};
 use crate::link::extruder::{ExtruderError, ExtruderLine};
 use crate::link::rtde::{Event, LinkError, RobotState, RtdeClient, TextLevel};
-use screed_kernel::closed_loop::{ClosedLoop, LoopError};
+use screed_kernel::closed_loop::ClosedLoop;
 use screed_kernel::control::Report;
 use screed_kernel::estimator::Robot;
 use screed_kernel::fault::Fault;
@@ -39,14 +40,20 @@ pub enum CoreError {
     Extruder(#[from] ExtruderError),
     /// The loop.
     #[error("the lead cannot be: {0:?}; correct [lead] and [link] in the cell file")]
-    Lead(LoopError),
+    Lead(CellLoopError),
+    /// A tracker without a link.
+    #[error(
+        "the cell has a tracker, and Screed has no link to one yet: nothing would be corrected by it; take [tracker], [shift], \
+         [estimator] and the [control] sections out of the cell file to print with the lead alone"
+    )]
+    Tracker,
 }
 
 /// The real-time process as a state machine.
 pub struct Core {
     kernel: Box<Kernel<6, RING>>,
     /// Where the cell wants the servo's lag compensated.
-    lead: Option<Box<ClosedLoop<6, 2>>>,
+    lead: Option<Box<ClosedLoop<6, DEPTH>>>,
     /// What was commanded last, and what the loop says of it.
     command: Option<(Command<6>, Report)>,
     robot: RtdeClient,
@@ -75,6 +82,9 @@ impl Core {
     /// # Errors
     /// [`CoreError`] when the cell's link or extruder line cannot be.
     pub fn new(cell: &Cell, realtime: bool, note: &str) -> Result<Self, CoreError> {
+        if cell.tracked.is_some() {
+            return Err(CoreError::Tracker);
+        }
         let timeout_ns = (cell.link.timeout * 1e9) as u64;
         let robot = RtdeClient::new(&cell.robot.arm, cell.link.rate_hz, cell.link.register_offset, timeout_ns)?;
         Ok(Self {
@@ -189,7 +199,16 @@ impl Core {
         let used = self.kernel.poll_transmit(&mut out);
         self.queue(out.get(..used).unwrap_or(&[]));
         if let Some(record) = self.record.take() {
-            self.say(&FromKernel::Cycle(CycleRecord { ticked_ns: ticked.0, sent_ns: sent.0, ..record }));
+            let mut out = [0; 1024];
+            // Both or none: a record whose path is missing would be taken for the path itself.
+            let path = self.lead.is_some().then_some(self.command).flatten();
+            let mut used = path.map_or(0, |(command, _)| {
+                let joints = command.path.0.iter().copied().collect();
+                frame::encode(&FromKernel::Path { tick: record.tick, joints }, &mut out).unwrap_or(0)
+            });
+            let cycle = FromKernel::Cycle(CycleRecord { ticked_ns: ticked.0, sent_ns: sent.0, ..record });
+            used += out.get_mut(used..).and_then(|rest| frame::encode(&cycle, rest).ok()).unwrap_or(0);
+            self.queue(out.get(..used).unwrap_or(&[]));
         }
     }
 
@@ -204,7 +223,7 @@ impl Core {
     }
 
     /// The loop, where the cell wants one.
-    pub fn lead(&self) -> Option<&ClosedLoop<6, 2>> {
+    pub fn lead(&self) -> Option<&ClosedLoop<6, DEPTH>> {
         self.lead.as_deref()
     }
 

@@ -12,8 +12,8 @@ use crate::run::account::Account;
 use crate::run::resend::{LineFigures, Resend};
 use crate::run::words;
 use screed_kernel::frame::{
-    self, Configure, CycleRecord, FaultReport, FrameError, FromKernel, ModeCode, Reader, Refusal, Status, ToKernel,
-    WIRE_MAX,
+    self, Configure, CycleRecord, FaultReport, FrameError, FromKernel, LoopRecord, ModeCode, Reader, Refusal, Status,
+    ToKernel, WIRE_MAX,
 };
 use screed_kernel::setpoint::CodeError;
 use screed_kernel::units::JointPos;
@@ -152,6 +152,8 @@ pub struct Job {
     unknown: u64,
     /// Over a line that spoils bytes: what is said again.
     resend: Option<Resend>,
+    /// Whether the path waits for its correction.
+    waits: bool,
 }
 
 impl Job {
@@ -183,6 +185,7 @@ impl Job {
             account,
             unknown: 0,
             resend: None,
+            waits: false,
         };
         job.say(&ToKernel::Hello);
         job
@@ -323,12 +326,25 @@ impl Job {
                 return Err(JobError::Link(note.as_str().to_owned()));
             }
             FromKernel::Alarm { fatal: false, note } => self.alarms.push(note.as_str().to_owned()),
+            FromKernel::Path { tick, joints } => self.account.on_path(tick, &joints),
+            FromKernel::Loop(record) => self.on_loop(&record),
             // Told as soon as it is found; the job ends once the arm rests, by the status that repeats it.
             FromKernel::Fault(FaultReport { fault, .. }) => {
                 self.alarms.push(format!("{}; {}", words::fault(&fault), fault.action()));
             }
         }
         Ok(())
+    }
+
+    /// A path that waits for its correction looks like one that is stuck: a person is told.
+    fn on_loop(&mut self, record: &LoopRecord) {
+        if record.waits && !self.waits {
+            let lost = record.base.is_some_and(|base| base.age.is_none());
+            let what = if lost { "the tracker, whose poses are not believed" } else { "a correction that is behind" };
+            self.alarms.push(format!("the path waits for {what}; it goes on by itself"));
+        }
+        self.waits = record.waits;
+        self.account.on_loop(record);
     }
 
     fn on_refused(&mut self, batch: u32, reason: Refusal) -> Result<(), JobError> {
@@ -532,3 +548,6 @@ impl Job {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

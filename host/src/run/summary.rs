@@ -1,7 +1,7 @@
 //! The table at the end of a print, for people and as JSON.
 
 use crate::config::Cell;
-use crate::run::account::{Figures, Spread};
+use crate::run::account::{Figures, Led, Spread};
 use crate::run::resend::LineFigures;
 use serde::Serialize;
 use std::fmt;
@@ -94,8 +94,19 @@ impl fmt::Display for Summary {
         let stalls = format!("{} of {}, longest {:.1} ms", figures.stalls, figures.cycles, figures.stall_max_s * 1e3);
         row("cycles this machine began late", &stalls)?;
         row("commanded path against the IFC curves", &spread(&figures.commanded_contour))?;
-        let lag = format!("actual against commanded (look-ahead {} s)", self.servoj_lookahead_s);
+        let against = if figures.lead.is_some() { "path, led" } else { "commanded" };
+        let lag = format!("actual against {against} (look-ahead {} s)", self.servoj_lookahead_s);
         row(&lag, &spread(&figures.following))?;
+        if let Some(Led { lag_s: [least, most], inverse_gain_s2: [low, high], behind_max_rad }) = figures.lead {
+            let drives = format!(
+                "lag {:.1} to {:.1} ms, K {:.0} to {:.0} /s², behind {behind_max_rad:.1e} rad at most",
+                least * 1e3,
+                most * 1e3,
+                1.0 / high,
+                1.0 / low
+            );
+            row("drives as learnt", &drives)?;
+        }
         row("actual path against the IFC curves", &spread(&figures.actual_contour))?;
         row("setpoint hash", &self.hash)?;
         if let Some(LineFigures { spoilt_from_kernel, spoilt_to_kernel, said_again }) = self.line {

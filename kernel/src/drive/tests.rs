@@ -154,3 +154,21 @@ fn what_cannot_be_is_refused() {
     assert!(refused(Learning { noise: 0.0, ..LEARNING }));
     assert!(refused(Learning { memory: f64::NAN, ..LEARNING }));
 }
+
+#[test]
+fn a_lag_beyond_its_bounds_is_told_once_it_has_been_asked_for_as_long_as_memory_goes() {
+    let first = |lag: [f64; 2], seconds| {
+        let learning = Learning { lag, memory: 4.0, ..LEARNING };
+        play(&learning, seconds, 2, 1e-6).1.astray()
+    };
+    assert_eq!(first([0.02, 0.25], 9.0), None);
+    // Beyond by less than a tenth of the width: it stays on the bound, and is not told.
+    assert_eq!(first([0.02, 0.125], 9.0), None);
+    assert_eq!(first([0.02, 0.11], 3.5), None);
+    let Some(Astray { joint: 0, lag, limit: 0.11 }) = first([0.02, 0.11], 9.0) else { panic!() };
+    assert!((lag - TRUE.lag).abs() < 5e-3, "{lag}");
+    let learning = Learning { lag: [0.02, 0.11], memory: 4.0, ..LEARNING };
+    let mut identification = play(&learning, 9.0, 2, 1e-6).1;
+    identification.pause();
+    assert_eq!(identification.astray(), None);
+}

@@ -1,4 +1,5 @@
-//! What host and kernel say to each other. Frozen at version 1.0: later versions append variants and change none.
+//! What host and kernel say to each other. Frozen at version 1.0: later versions append variants and change none; what 1.1
+//! appends is told at its place.
 
 use crate::correction::CorrectionLimits;
 use crate::fault::Fault;
@@ -176,6 +177,16 @@ pub enum FromKernel {
     /// The kernel begins to stop by itself: said once, at the tick that found it. Every [`Status`] repeats it until a person
     /// has left the fault, so that nothing is lost with this frame.
     Fault(FaultReport),
+    /// What the loop around the kernel came to; since 1.1. Said every [`crate::tick::STATUS_INTERVAL`] ticks, and when it begins or
+    /// ends to feed back, to trust the base or to wait.
+    Loop(LoopRecord),
+    /// The path of the [`CycleRecord`] that follows, in a process with a loop: what is commanded there is led and corrected. Since 1.1.
+    Path {
+        /// Tick.
+        tick: u64,
+        /// Joints of the path (rad or m).
+        joints: JointValues,
+    },
 }
 
 /// Why a message was not obeyed.
@@ -300,6 +311,61 @@ pub struct FaultReport {
     pub fault: Fault,
     /// At which tick.
     pub tick: u64,
+}
+
+impl FaultReport {
+    /// The same for a reader of this minor version: [`Fault::told_to`].
+    pub const fn told_to(self, minor: u8) -> Self {
+        Self { fault: self.fault.told_to(minor), ..self }
+    }
+}
+
+/// What the loop around the kernel came to at a tick.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LoopRecord {
+    /// Tick.
+    pub tick: u64,
+    /// What is known of the base, where there is a tracker.
+    pub base: Option<BaseRecord>,
+    /// Whether the feedback acts.
+    pub closed: bool,
+    /// Whether the path waits for its correction.
+    pub waits: bool,
+    /// Whether what was wanted has been held back, by the bounds at the tool or at the joints: then the feedback waits too.
+    pub saturated: bool,
+    /// By how much base and feedback shift the tool (m) and turn it (rad).
+    pub moved: [f64; 2],
+    /// How far shift (m) and turn (rad) stay behind what was wanted, for the bounds at the tool.
+    pub held: [f64; 2],
+    /// By how much a joint stays behind what was wanted, for the limits of corrections (rad or m), the most of all joints.
+    pub behind: f64,
+    /// L of each drive as it is used (s).
+    pub lag: JointValues,
+    /// 1/K of each drive as it is used (s²).
+    pub inverse_gain: JointValues,
+}
+
+/// What is known of the base at a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BaseRecord {
+    /// How old the last pose is that was believed (s); none while the base is not trusted.
+    pub age: Option<f64>,
+    /// The correction for it: displacement of the pivot (m, m, m) and rotation vector (rad, rad, rad) in the nominal base frame.
+    pub displacement: [f64; 6],
+    /// How far that is behind the estimate (m, rad).
+    pub behind: [f64; 2],
+    /// Normalised innovation squared of the pose that was judged last, taken or gated; none before the first.
+    pub nis: Option<f64>,
+    /// Since start: poses that the base's estimate took in.
+    pub taken: u32,
+    /// Poses that it did not.
+    pub refused: u32,
+    /// Measurements that the filter of the joints gated; a step that was replayed counts again.
+    pub gated: u32,
+    /// Measurements that came too late for it.
+    pub late: u32,
+    /// Measurements whose instant had not come when they did.
+    pub deferred: u32,
 }
 
 /// One cycle of the real-time process.

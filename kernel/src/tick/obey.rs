@@ -69,7 +69,7 @@ impl<const N: usize, const CAP: usize> State<N, CAP> {
         }
         self.rate = rate;
         if self.mode == Mode::Moving {
-            self.clock.set_target(rate);
+            self.clock.set_target(self.target());
         }
         Ok(())
     }

@@ -41,7 +41,41 @@ pub fn table(scores: &[(&Case, Score)]) -> String {
             score.nees.band[0], score.nees.band[1]
         );
     }
+    for (case, score) in scores {
+        out += &consistency(case, score);
+    }
     out
+}
+
+/// Whether the filter believes of itself what it should, and how far the best that anyone could do with these measurements is.
+fn consistency(case: &Case, score: &Score) -> String {
+    let judged = |nees: &Nees, of: &str| {
+        let [low, high] = nees.band;
+        let verdict = match nees.mean {
+            mean if mean > high => "ABOVE its band: the errors are larger than the filter believes",
+            mean if mean < low => "BELOW its band: the errors are smaller than the filter believes",
+            _ => "in its band",
+        };
+        let inside = 100.0 * nees.inside;
+        format!(
+            "  NEES of {of}: {:.2}, {verdict} ({low:.2} to {high:.2}; {inside:.0} % of the instants in it)\n",
+            nees.mean
+        )
+    };
+    let ratio = |part: fn(&Errors) -> [f64; 2]| part(&score.filtered)[0] / part(&score.smoothed)[0];
+    let (smoothed, filtered) = (&score.smoothed, &score.filtered);
+    format!(
+        "{}\n{}{}  bound by the smoother, which knows the future too: {:.4} m, {:.2}°; the filter {:.4} m, {:.2}°: {:.2} and {:.2} times that\n",
+        case.name,
+        judged(&score.nees_place, "the place (3)"),
+        judged(&score.nees, "the whole state (18)"),
+        smoothed.position[0],
+        smoothed.rotation[0].to_degrees(),
+        filtered.position[0],
+        filtered.rotation[0].to_degrees(),
+        ratio(|errors| errors.position),
+        ratio(|errors| errors.rotation),
+    )
 }
 
 /// Whether the case keeps the aims it has.
@@ -61,7 +95,10 @@ pub fn json(scores: &[(&Case, Score)]) -> Value {
             "rotation_deviation_deg": errors.rotation[1].to_degrees(),
         })
     };
-    let nees = |nees: &Nees| json!({ "mean": nees.mean, "band": nees.band, "inside": nees.inside });
+    let nees = |nees: &Nees| {
+        let in_band = (nees.band[0]..=nees.band[1]).contains(&nees.mean);
+        json!({ "mean": nees.mean, "band": nees.band, "inside": nees.inside, "mean_in_band": in_band })
+    };
     let cases = scores.iter().map(|(case, score)| {
         json!({
             "case": case.name,

@@ -21,6 +21,33 @@ fn a_few_runs_come_near_the_aims_and_the_raw_figures_are_the_papers() {
 }
 
 #[test]
+fn a_filter_that_is_not_what_it_believes_is_told_beside_what_could_be_done() {
+    let errors = |place, turn| Errors { position: [place, 0.0], rotation: [f64::to_radians(turn), 0.0] };
+    let score = |mean| Score {
+        raw: errors(0.16, 9.0),
+        filtered: errors(0.05, 3.0),
+        smoothed: errors(0.04, 2.0),
+        nees: Nees { mean, band: [16.0, 20.0], inside: 0.25 },
+        nees_place: Nees { mean: 3.0, band: [2.5, 3.5], inside: 0.95 },
+        covered: 0.99,
+        runs: 20,
+    };
+    let set_up = set_up();
+    let told = |mean| report::table(&[(&set_up.cases[0], score(mean))]);
+    let above = told(24.0);
+    assert!(above.contains("whole state (18): 24.00, ABOVE its band"), "{above}");
+    assert!(above.contains("place (3): 3.00, in its band (2.50 to 3.50; 95 % of the instants in it)"), "{above}");
+    assert!(above.contains("0.0400 m, 2.00°; the filter 0.0500 m, 3.00°: 1.25 and 1.50 times that"), "{above}");
+    assert!(told(10.0).contains("whole state (18): 10.00, BELOW its band"));
+    assert!(told(18.0).contains("whole state (18): 18.00, in its band"));
+    let json = report::json(&[(&set_up.cases[0], score(24.0))]);
+    assert_eq!(
+        (&json[0]["nees_state"]["mean_in_band"], &json[0]["nees_place"]["mean_in_band"]),
+        (&false.into(), &true.into())
+    );
+}
+
+#[test]
 fn a_run_is_the_same_again_and_another_with_another_seed() {
     let set_up = set_up();
     let last = |seed| run(&set_up, &set_up.cases[0], seed).unwrap_or_default().pop().map(|sample| sample.filtered);
