@@ -38,6 +38,7 @@ extern "C" {
 #define SCREED_FAULT_EXTRUDER 5  /* the extruder failed */
 #define SCREED_FAULT_DEVIATION 6 /* the estimate is far from the targets */
 #define SCREED_FAULT_CORRECTION 7 /* a correction breaks its limits */
+#define SCREED_FAULT_OVERRUN 8    /* the loop came late again and again */
 
 /* A kernel; its memory is the caller's. */
 typedef struct screed_kernel screed_kernel;

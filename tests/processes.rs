@@ -2,10 +2,8 @@
 
 mod common;
 
-use common::{Random, demo_limits, judge, read_record, received, tcp};
+use common::{Random, assert_on_path, demo_limits, judge, planned_path, read_record, received};
 use screed::config::Cell;
-use screed::model::fim;
-use screed::plan::{Options, Plan};
 use screed_fixtures::{QuarterCircle, quarter_circle};
 use std::fs;
 use std::io::Read;
@@ -93,40 +91,6 @@ fn finished(mut child: Child) -> (Option<i32>, String, String) {
     (child.wait().unwrap().code(), out, error)
 }
 
-/// Tool positions of the demo's planned path, in order (m, base frame).
-fn planned_path() -> Vec<[f64; 3]> {
-    let text = quarter_circle(&QuarterCircle::default());
-    let model = fim::parse("demo", text.as_bytes()).unwrap();
-    let cell = Cell::demo(500).unwrap();
-    let options = Options { layers: Some(1), ..Options::default() };
-    let plan = Plan::new(&model, &cell, &options, &cell.robot.start).unwrap();
-    let batches = plan.batches().map(Result::unwrap);
-    batches.flat_map(|b| b.setpoints[..b.path_len].to_vec()).map(|setpoint| tcp(&setpoint.joints.0, 0.2)).collect()
-}
-
-/// Asserts that every point lies on the path, in order: within a micrometre of the chords between planned setpoints.
-fn assert_on_path(setpoints: &[[f64; 6]], path: &[[f64; 3]]) {
-    let mut at = 0;
-    for (k, q) in setpoints.iter().enumerate() {
-        let point = tcp(q, 0.2);
-        let near = (at.max(1) - 1..path.len().min(at + 400) - 1)
-            .map(|i| (i, to_chord(&point, &path[i], &path[i + 1])))
-            .min_by(|a, b| a.1.total_cmp(&b.1));
-        let (i, distance) = near.unwrap();
-        assert!(distance < 1e-6, "received setpoint {k} is {distance} m off the path");
-        at = i;
-    }
-}
-
-fn to_chord(p: &[f64; 3], a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    let sub = |u: &[f64; 3], v: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|i| u[i] - v[i]) };
-    let dot = |u: &[f64; 3], v: &[f64; 3]| u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
-    let (ab, ap) = (sub(b, a), sub(p, a));
-    let t = if dot(&ab, &ab) > 0.0 { (dot(&ap, &ab) / dot(&ab, &ab)).clamp(0.0, 1.0) } else { 0.0 };
-    let off: [f64; 3] = std::array::from_fn(|i| ap[i] - t * ab[i]);
-    dot(&off, &off).sqrt()
-}
-
 /// Commanded and actual flow in the extruder's last row.
 fn last_flow(path: &Path) -> (f64, f64) {
     let text = fs::read_to_string(path).unwrap();
@@ -167,7 +131,7 @@ fn kill_host_at(after: Duration, path: &[[f64; 3]]) {
     // What the first host had sent was played to a rest on the path: the setpoints before the second host's motion.
     let rest = setpoints.windows(500).position(|w| w.iter().all(|q| *q == w[0]) && w[0] != setpoints[0]);
     let rest = rest.expect("a second of rest after the ring was played out");
-    assert_on_path(&setpoints[..rest + 500], path);
+    assert_on_path(&setpoints[..rest + 500], path, 0, 1e-6);
     let (commanded, actual) = last_flow(&scene.path("extruder.csv"));
     assert_eq!(commanded, 0.0);
     assert!(actual.abs() < 1e-9, "{actual} m³/s still flow");
@@ -177,7 +141,7 @@ fn kill_host_at(after: Duration, path: &[[f64; 3]]) {
 
 #[test]
 fn a_killed_host_leaves_the_arm_at_rest_on_its_path_at_twenty_instants() {
-    let path = planned_path();
+    let path = planned_path(500);
     let mut random = Random::new(20);
     let instants: Vec<Duration> = (0..20).map(|_| Duration::from_secs_f64(random.between(2.5, 12.0))).collect();
     for part in instants.chunks(5) {
@@ -191,7 +155,7 @@ fn a_killed_host_leaves_the_arm_at_rest_on_its_path_at_twenty_instants() {
 
 #[test]
 fn ctrl_c_rests_within_a_second_and_leaves_nothing_behind() {
-    let path = planned_path();
+    let path = planned_path(500);
     for after in [3.0, 10.0] {
         let scene = Scene::new();
         let host = scene.demo(&[]);
@@ -209,7 +173,7 @@ fn ctrl_c_rests_within_a_second_and_leaves_nothing_behind() {
         assert!(left.iter().all(|name| name.to_string_lossy().ends_with(".csv")), "{left:?}");
         let setpoints = received(&read_record(&scene.path("robot.csv")));
         judge(&setpoints, 0.002, &demo_limits());
-        assert_on_path(&setpoints, &path);
+        assert_on_path(&setpoints, &path, 0, 1e-6);
         assert_eq!(last_flow(&scene.path("extruder.csv")).0, 0.0);
     }
 }

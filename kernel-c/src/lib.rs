@@ -107,6 +107,7 @@ pub const fn fault_number(fault: Option<Fault>) -> u8 {
         Some(Fault::Extruder) => 5,
         Some(Fault::Deviation { .. }) => 6,
         Some(Fault::Correction { .. }) => 7,
+        Some(Fault::Overrun { .. }) => 8,
     }
 }
 

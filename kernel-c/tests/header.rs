@@ -49,7 +49,7 @@ fn the_header_has_the_librarys_layout_and_numbers() {
         tick fault_tick time_lost_ns rate epoch consumed end_seq credits fault_number frames_broken frames_unknown
         ticks_late mode fault
     );
-    let faults = ["FOLLOWING", "SENSOR", "NOT_READY", "OUTPUT", "EXTRUDER", "DEVIATION", "CORRECTION"];
+    let faults = ["FOLLOWING", "SENSOR", "NOT_READY", "OUTPUT", "EXTRUDER", "DEVIATION", "CORRECTION", "OVERRUN"];
     for (name, kind) in faults.into_iter().zip(Fault::KINDS) {
         writeln!(source, "_Static_assert(SCREED_FAULT_{name} == {}, \"{name}\");", fault_number(Some(kind))).unwrap();
     }

@@ -55,11 +55,18 @@ pub enum Fault {
         /// Value allowed.
         limit: f64,
     },
+    /// The loop overran again and again, with too few good cycles between: its process does not hold the robot's pace.
+    Overrun {
+        /// Slots missed in these overruns.
+        missed: u32,
+        /// Overruns, less the good cycles between, that are too many.
+        limit: u32,
+    },
 }
 
 impl Fault {
     /// One of each kind, in the order of their codes.
-    pub const KINDS: [Self; 7] = [
+    pub const KINDS: [Self; 8] = [
         Self::Following { joint: 0, value: 0.0, limit: 0.0 },
         Self::Sensor { joint: 0 },
         Self::RobotNotReady,
@@ -67,6 +74,7 @@ impl Fault {
         Self::Extruder,
         Self::Deviation { joint: 0, value: 0.0, limit: 0.0 },
         Self::Correction { quantity: Quantity::Finite, joint: 0, value: 0.0, limit: 0.0 },
+        Self::Overrun { missed: 0, limit: 0 },
     ];
 
     /// The code in logs and messages.
@@ -79,6 +87,7 @@ impl Fault {
             Self::Extruder => "K5",
             Self::Deviation { .. } => "K6",
             Self::Correction { .. } => "K7",
+            Self::Overrun { .. } => "K8",
         }
     }
 
@@ -92,6 +101,7 @@ impl Fault {
             Self::Extruder => "the extruder failed",
             Self::Deviation { .. } => "the estimated position deviates from its target",
             Self::Correction { .. } => "a correction broke its limits",
+            Self::Overrun { .. } => "the loop came late again and again",
         }
     }
 
@@ -110,6 +120,9 @@ impl Fault {
                 "check the tracker and its registration, and that nothing moved the base; then re-arm"
             }
             Self::Correction { .. } => "check the tracker, and what moves the base so far or so fast; then re-arm",
+            Self::Overrun { .. } => {
+                "run screed doctor, and end what else uses the machine or its line to the robot; then re-arm"
+            }
         }
     }
 }

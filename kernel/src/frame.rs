@@ -14,8 +14,8 @@ pub use message::*;
 
 use serde::{Deserialize, Serialize};
 
-/// Version of envelope and messages, major in the upper four bits, minor in the lower: 1.0.
-pub const VERSION: u8 = 0x10;
+/// Version of envelope and messages, major in the upper four bits, minor in the lower: 1.1.
+pub const VERSION: u8 = 0x11;
 
 /// Longest frame before COBS: version, message, CRC.
 pub const FRAME_MAX: usize = 1024;

@@ -2,13 +2,13 @@
 
 mod common;
 
-use common::fuzz::{TO_KERNEL, crc, envelope, fuzz, golden, read};
+use common::fuzz::{TO_KERNEL, crc, envelope, fuzz, golden, golden_1_1, read};
 use common::{Bench, PLAN, both, configure, sweep};
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{
     self, BatchPart, CODE_MAX, Configure, CycleRecord, FRAME_MAX, FaultReport, FrameError, FromKernel, JOINTS_MAX,
-    ModeCode, Refusal, Status, ToKernel, Unsound, VERSION, WIRE_MAX,
+    ModeCode, Pace, Refusal, Status, ToKernel, Unsound, VERSION, WIRE_MAX,
 };
 use screed_kernel::guard::{PLANES_MAX, Plane, Quantity};
 use screed_kernel::setpoint::{Coder, Setpoint, flow_on_grid, joint_on_grid};
@@ -141,8 +141,32 @@ fn faults() -> impl Iterator<Item = (String, FaultReport)> {
         Fault::Deviation { joint, value, limit },
         Fault::Correction { quantity: Quantity::Acceleration, joint, value, limit },
     ];
-    assert_eq!(faults.len(), Fault::KINDS.len());
     faults.into_iter().map(|fault| (fault.code().to_lowercase(), FaultReport { number: 2, fault, tick: 123_000 }))
+}
+
+/// What version 1.1 appended, by name; with the faults of 1.0 that is one of each kind.
+fn appended_1_1() -> Vec<(String, FromKernel)> {
+    let fault = Fault::Overrun { missed: 34, limit: 10 };
+    assert_eq!(faults().count() + 1, Fault::KINDS.len());
+    let report = FaultReport { number: 2, fault, tick: 123_000 };
+    let pace = Pace {
+        tick: 123_456,
+        readable_ns: 999_000,
+        overruns: 12,
+        slots_missed: 345,
+        level: 1,
+        level_max: 6,
+        writes_blocked: 2,
+        segments_resent: 3,
+        allocations: 4,
+        faults_minor: 5,
+        faults_major: 6,
+    };
+    vec![
+        ("status-k8".into(), FromKernel::Status(Status { mode: ModeCode::Faulted, fault: Some(report), ..STATUS })),
+        ("fault-k8".into(), FromKernel::Fault(report)),
+        ("pace".into(), FromKernel::Pace(pace)),
+    ]
 }
 
 fn refusals() -> impl Iterator<Item = (String, FromKernel)> {
@@ -223,7 +247,7 @@ fn comes_back<const N: usize>(code: &[u8], setpoints: &[Setpoint<N>]) {
 }
 
 /// A golden line is what the message is encoded to by another envelope than the kernel's own, and is read back by it.
-fn agrees<'a, M>(name: &str, message: &M, golden: &(String, Vec<u8>), plain: &'a [u8])
+fn agrees<'a, M>(version: u8, name: &str, message: &M, golden: &(String, Vec<u8>), plain: &'a [u8])
 where
     M: serde::Serialize + serde::Deserialize<'a> + PartialEq + std::fmt::Debug,
 {
@@ -231,7 +255,7 @@ where
     let mut body = vec![0; FRAME_MAX];
     let body = postcard::to_slice(message, &mut body).unwrap();
     let line = |name: &str, bytes: &[u8]| format!("{name}: {}", hex(bytes));
-    assert_eq!(line(&golden.0, &golden.1), line(name, &envelope(0x10, body)));
+    assert_eq!(line(&golden.0, &golden.1), line(name, &envelope(version, body)));
     assert_eq!(hex(&wire(message)), hex(&envelope(VERSION, body)));
     assert_eq!(frame::decode::<M>(plain).as_ref(), Ok(message));
 }
@@ -246,17 +270,23 @@ fn every_message_is_encoded_to_and_decoded_from_the_committed_bytes() {
     assert_eq!(to_kernel.len(), TO_KERNEL);
     for (name, message) in &to_kernel {
         let (golden, plain) = lines.next().unwrap();
-        agrees(name, message, golden, plain);
+        agrees(0x10, name, message, golden, plain);
     }
     for (name, message) in &from_kernel {
         let (golden, plain) = lines.next().unwrap();
-        agrees(name, message, golden, plain);
+        agrees(0x10, name, message, golden, plain);
     }
     for (name, message) in &other_arms(&wide) {
         let (golden, plain) = lines.next().unwrap();
-        agrees(name, message, golden, plain);
+        agrees(0x10, name, message, golden, plain);
     }
     assert_eq!(lines.next(), None, "a golden line without a message");
+    let appended = golden_1_1();
+    let messages = appended_1_1();
+    assert_eq!(appended.len(), messages.len());
+    for (golden, (name, message)) in appended.iter().zip(&messages) {
+        agrees(0x11, name, message, golden, &read(&golden.1).remove(0).unwrap());
+    }
     comes_back(&narrow, &golden_setpoints());
     comes_back(&wide[0], &wide_setpoints::<3>());
     comes_back(&wide[1], &wide_setpoints::<9>());

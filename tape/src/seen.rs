@@ -18,8 +18,8 @@ pub struct Seen {
     pub corrected: u64,
     /// Messages said: hello, configure, batch part, rate, hold, resume, stop, re-arm, quit.
     pub said: [u64; 9],
-    /// Statuses with each fault, K1 to K7.
-    pub faults: [u64; 7],
+    /// Statuses with each fault, K1 to K8.
+    pub faults: [u64; 8],
     /// Batches accepted.
     pub accepted: u64,
     /// Messages refused: mode, configuration, no room, full, too late, sequence, code, does not fit, not at rest, rate,
@@ -106,6 +106,7 @@ impl Seen {
                 Fault::Extruder => 4,
                 Fault::Deviation { .. } => 5,
                 Fault::Correction { .. } => 6,
+                Fault::Overrun { .. } => 7,
             };
             count(&mut self.faults, kind);
         }
@@ -161,7 +162,7 @@ impl fmt::Display for Seen {
         writeln!(f, "ticks by mode      {:?} (unready, holding, moving, stopping, faulted)", self.modes)?;
         writeln!(f, "ticks corrected    {}, late {}", self.corrected, self.late)?;
         writeln!(f, "messages           {:?} (hello configure batch rate hold resume stop re-arm quit)", self.said)?;
-        writeln!(f, "statuses by fault  {:?} (K1 to K7)", self.faults)?;
+        writeln!(f, "statuses by fault  {:?} (K1 to K8)", self.faults)?;
         writeln!(f, "refusals           {:?} (mode configuration no-room full too-late", self.refused)?;
         writeln!(f, "                   sequence code does-not-fit not-at-rest rate stale)")?;
         writeln!(f, "  configuration    {:?} (joints periods positions motion errors", self.unsound)?;

@@ -128,7 +128,7 @@ fn text(report: &Report) -> String {
         text += &format!("  {scheduling_note}\n");
     }
     if let Some(ours) = ours {
-        text += &format!("  {ours}\n");
+        text += &format!("  wake-ups {ours}\n");
     }
     if let Some(versus) = versus {
         let (difference, ratio) = (versus.median_difference_us, versus.p99_ratio);

@@ -17,6 +17,7 @@ pub fn fault(fault: &Fault) -> String {
         Fault::Output { quantity, joint, value, limit } | Fault::Correction { quantity, joint, value, limit } => {
             format!(" ({})", found(quantity, joint, value, limit))
         }
+        Fault::Overrun { missed, limit } => format!(" (counter at {limit}, {missed} slots missed)"),
         Fault::RobotNotReady | Fault::Extruder => String::new(),
     };
     format!("{}: {}{figures}", fault.code(), fault.cause())

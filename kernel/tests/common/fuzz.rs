@@ -16,7 +16,15 @@ pub fn read(bytes: &[u8]) -> Vec<Result<Vec<u8>, FrameError>> {
 
 /// The committed bytes of version 1.0: `name: hex`, one a line.
 pub fn golden() -> Vec<(String, Vec<u8>)> {
-    let text = include_str!("../../golden/frames-1.0.txt");
+    lines(include_str!("../../golden/frames-1.0.txt"))
+}
+
+/// The committed bytes of what version 1.1 appended.
+pub fn golden_1_1() -> Vec<(String, Vec<u8>)> {
+    lines(include_str!("../../golden/frames-1.1.txt"))
+}
+
+fn lines(text: &str) -> Vec<(String, Vec<u8>)> {
     let line = |line: &str| {
         let (name, hex) = line.split_once(": ").unwrap();
         let byte = |at: usize| u8::from_str_radix(&hex[at..at + 2], 16).unwrap();
