@@ -24,6 +24,7 @@ pub mod rt;
 pub mod serial;
 pub mod session;
 pub mod signal;
+pub mod soak;
 pub mod summary;
 pub mod virtual_time;
 pub mod wake;

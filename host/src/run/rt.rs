@@ -154,7 +154,8 @@ pub fn run(args: &RtArgs) -> Result<(), RtError> {
     }
     let result = process.serve(args.exit_when_idle);
     let _ = fs::remove_file(&args.socket);
-    note!("{}", ending(&process.core.pace(), scheduling.realtime));
+    // Whoever started this process may have gone.
+    let _ = writeln!(io::stdout(), "{}", ending(&process.core.pace(), scheduling.realtime));
     result
 }
 

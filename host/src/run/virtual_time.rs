@@ -7,7 +7,7 @@ use crate::link::rtde::LinkError;
 use crate::run::core::{Core, CoreError, Slot};
 use crate::run::grid::Grid;
 use crate::run::job::Outcome;
-use crate::run::memory::Memory;
+use crate::run::memory::{self, Memory};
 use crate::run::print::{self, Print};
 use crate::run::session::{Session, SessionError, Step};
 use crate::run::signal;
@@ -148,6 +148,11 @@ impl World {
     /// What it has taken since, in a program that counts.
     pub const fn memory(&self) -> Option<&Memory> {
         self.memory.as_ref()
+    }
+
+    /// Takes something, once.
+    pub fn take_memory(&mut self) {
+        self.counted(|_| memory::take_some());
     }
 
     fn counted<T>(&mut self, work: impl FnOnce(&mut Self) -> T) -> T {
