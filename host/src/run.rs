@@ -28,4 +28,5 @@ pub mod soak;
 pub mod summary;
 pub mod virtual_time;
 pub mod wake;
+pub mod wire;
 pub mod words;

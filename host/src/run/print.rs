@@ -42,8 +42,8 @@ pub struct Print<'a> {
 
 /// A connection to `screed-rt`, and the process if this host started it.
 pub struct Attached {
-    stream: UnixStream,
-    process: Option<Process>,
+    pub(super) stream: UnixStream,
+    pub(super) process: Option<Process>,
     socket: PathBuf,
 }
 
