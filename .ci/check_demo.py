@@ -469,6 +469,24 @@ def judge_stops(curve, cell, folder):
     )
 
 
+def check_pace(run, rate):
+    """A hundred thousand paced ticks at 500 Hz; where real time was granted, nothing taken from memory after the start."""
+    table = run.table
+    hold(rate != 500 or table["cycles"] >= 100_000, f"only {table['cycles']} cycles")
+    hold(table["slots_missed"] >= table["overruns"], f"{table['overruns']} overruns, {table['slots_missed']} slots missed")
+    memory, wire = table["memory"], table["sensor_to_wire"]
+    print(
+        f"  overruns {table['overruns']}, slots missed {table['slots_missed']}, counter at most"
+        f" {table['overrun_counter_max']}; {memory['allocations']} allocations, page faults"
+        f" {memory['faults_minor']} minor, {memory['faults_major']} major\n"
+        f"  sensor in to wire out: median {wire['median_us']} µs, p99 {wire['p99_us']} µs, max {wire['max_us']} µs",
+        flush=True,
+    )
+    hold(memory["allocations"] == 0, f"{memory['allocations']} allocations after the start")
+    if table["scheduling"] == "real time":
+        hold(not any(memory.values()), f"page faults after the start: {memory}")
+
+
 def judge_demo(timed, folder):
     """The demo at both rates."""
     model = folder / "model.ifc"
@@ -485,6 +503,7 @@ def judge_demo(timed, folder):
         if timed:
             run = Run(f"demo {rate} Hz in real time", options, folder, timed=True)
             show(run, judge(run, cell, curves))
+            check_pace(run, rate)
             hashes = run.table["hash"], fast.table["hash"]
             hold(hashes[0] == hashes[1], f"{rate} Hz: hash {hashes[0]} in real time, {hashes[1]} in virtual time")
     if not timed:

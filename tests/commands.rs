@@ -141,18 +141,21 @@ fn a_torn_log_gives_its_rows_and_then_fails() {
         let now = Nanos(tick * 8_000_000);
         let record = CycleRecord {
             tick: Tick(tick),
+            readable: now,
             received: now,
             ticked: now,
             sent: now,
             robot_timestamp: 40.0,
             seq: 1,
             mode: 0,
-            flags: Flags::DOUBLED,
+            flags: Flags::DOUBLED | Flags::NON_RT,
             layer: 0,
             rate: 1.0,
             flow: 0.0,
             commanded: JointPos::ZERO,
             actual: JointPos::ZERO,
+            missed: u32::from(tick % 4 == 0) * 5,
+            overrun_level: (tick % 4) as u32,
         };
         log.push(&record).expect("space");
     }
@@ -163,6 +166,8 @@ fn a_torn_log_gives_its_rows_and_then_fails() {
     assert!(error.contains("without its end mark, after 192 whole records") && error.contains("remedy: "), "{error}");
     let (code, out, _) = outcome(&["log", &name]);
     assert!(code == Some(1) && out.contains("192 cycles, 192 with a doubled setpoint"), "{out}");
+    assert!(out.contains("48 overruns, 240 slots missed, overrun counter at most 3"), "{out}");
+    assert!(out.contains("192 cycles stamped NON-RT, 0 real time"), "{out}");
     let table = folder.path().join("table.csv");
     let (code, out, _) = outcome(&["log", &name, "--csv", &table.to_string_lossy()]);
     assert_eq!((code, out.as_str()), (Some(1), ""));

@@ -1,197 +1,35 @@
-//! The processes together in real time: the host is killed, interrupted, replaced; the robot's received bytes are the judge.
+//! The processes together in real time: the host is killed, stopped, interrupted, replaced; the robot's received bytes are the
+//! judge.
 
 mod common;
 
-use common::{Random, demo_limits, judge, read_record, received, tcp};
+use common::scene::{Lost, Scene, announced, finished, last_flow, lose_host_at, signal};
+use common::{Random, assert_on_path, demo_limits, judge, planned_path, read_record, received};
 use screed::config::Cell;
-use screed::model::fim;
-use screed::plan::{Options, Plan};
 use screed_fixtures::{QuarterCircle, quarter_circle};
 use std::fs;
-use std::io::Read;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
-use tempfile::TempDir;
 
-/// A folder for one run, and an end to every process that was started with it on its command line.
-struct Scene {
-    folder: TempDir,
-}
-
-impl Scene {
-    fn new() -> Self {
-        Self { folder: TempDir::new().unwrap() }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn screed(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_screed"));
-        command.args(arguments).env("TMPDIR", self.folder.path());
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        command
-    }
-
-    fn demo(&self, arguments: &[&str]) -> Child {
-        let mut command = self.screed(&["demo", "--layers", "1", "--rate", "500"]);
-        command.args(arguments).arg("--record").arg(self.path("robot.csv"));
-        command.arg("--record-extruder").arg(self.path("extruder.csv")).spawn().unwrap()
-    }
-
-    /// Numbers of the processes whose command line names this folder.
-    fn processes(&self) -> Vec<i32> {
-        let name = self.folder.path().to_str().unwrap().as_bytes();
-        let all = fs::read_dir("/proc").unwrap().flatten();
-        let numbers = all.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
-        numbers
-            .filter(|number: &i32| {
-                let line = fs::read(format!("/proc/{number}/cmdline")).unwrap_or_default();
-                line.windows(name.len()).any(|part| part == name) && *number != std::process::id() as i32
-            })
-            .collect()
-    }
-
-    fn end_all(&self) {
-        let until = Instant::now() + Duration::from_secs(5);
-        while !self.processes().is_empty() && Instant::now() < until {
-            for number in self.processes() {
-                signal(number, "TERM");
-            }
-            thread::sleep(Duration::from_millis(50));
-        }
-    }
-
-    /// The socket of the demo's real-time process.
-    fn socket(&self) -> PathBuf {
-        let folders = fs::read_dir(self.folder.path()).unwrap().flatten();
-        folders
-            .map(|entry| entry.path().join("rt.sock"))
-            .find(|socket| socket.exists())
-            .expect("screed-rt still answers")
-    }
-}
-
-impl Drop for Scene {
-    fn drop(&mut self) {
-        self.end_all();
-    }
-}
-
-fn signal(process: i32, name: &str) {
-    // A process that has just ended is as good.
-    let _ = Command::new("kill").args([format!("-{name}"), process.to_string()]).stderr(Stdio::null()).status();
-}
-
-fn finished(mut child: Child) -> (Option<i32>, String, String) {
-    let (mut out, mut error) = (String::new(), String::new());
-    child.stdout.take().unwrap().read_to_string(&mut out).unwrap();
-    child.stderr.take().unwrap().read_to_string(&mut error).unwrap();
-    (child.wait().unwrap().code(), out, error)
-}
-
-/// Tool positions of the demo's planned path, in order (m, base frame).
-fn planned_path() -> Vec<[f64; 3]> {
-    let text = quarter_circle(&QuarterCircle::default());
-    let model = fim::parse("demo", text.as_bytes()).unwrap();
-    let cell = Cell::demo(500).unwrap();
-    let options = Options { layers: Some(1), ..Options::default() };
-    let plan = Plan::new(&model, &cell, &options, &cell.robot.start).unwrap();
-    let batches = plan.batches().map(Result::unwrap);
-    batches.flat_map(|b| b.setpoints[..b.path_len].to_vec()).map(|setpoint| tcp(&setpoint.joints.0, 0.2)).collect()
-}
-
-/// Asserts that every point lies on the path, in order: within a micrometre of the chords between planned setpoints.
-fn assert_on_path(setpoints: &[[f64; 6]], path: &[[f64; 3]]) {
-    let mut at = 0;
-    for (k, q) in setpoints.iter().enumerate() {
-        let point = tcp(q, 0.2);
-        let near = (at.max(1) - 1..path.len().min(at + 400) - 1)
-            .map(|i| (i, to_chord(&point, &path[i], &path[i + 1])))
-            .min_by(|a, b| a.1.total_cmp(&b.1));
-        let (i, distance) = near.unwrap();
-        assert!(distance < 1e-6, "received setpoint {k} is {distance} m off the path");
-        at = i;
-    }
-}
-
-fn to_chord(p: &[f64; 3], a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    let sub = |u: &[f64; 3], v: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|i| u[i] - v[i]) };
-    let dot = |u: &[f64; 3], v: &[f64; 3]| u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
-    let (ab, ap) = (sub(b, a), sub(p, a));
-    let t = if dot(&ab, &ab) > 0.0 { (dot(&ap, &ab) / dot(&ab, &ab)).clamp(0.0, 1.0) } else { 0.0 };
-    let off: [f64; 3] = std::array::from_fn(|i| ap[i] - t * ab[i]);
-    dot(&off, &off).sqrt()
-}
-
-/// Commanded and actual flow in the extruder's last row.
-fn last_flow(path: &Path) -> (f64, f64) {
-    let text = fs::read_to_string(path).unwrap();
-    let names: Vec<&str> = text.lines().next().unwrap().split(',').collect();
-    let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
-    let last = rows.iter().rev().find(|row| row.len() == names.len()).unwrap();
-    let value = |part: &str| last[names.iter().position(|name| name.contains(part)).unwrap()].parse().unwrap();
-    (value("commanded"), value("actual"))
-}
-
-fn kill_host_at(after: Duration, path: &[[f64; 3]]) {
-    let scene = Scene::new();
-    let mut host = scene.demo(&[]);
-    thread::sleep(after);
-    host.kill().unwrap();
-    host.wait().unwrap();
-    // The ring is never filled further ahead than four seconds and a batch.
-    thread::sleep(Duration::from_secs(8));
-
-    // A new host attaches and is told.
-    let (model, cell) = (scene.path("wall.ifc"), scene.path("cell.toml"));
-    fs::write(&model, quarter_circle(&QuarterCircle::default())).unwrap();
-    fs::write(&cell, Cell::demo_text(500).unwrap()).unwrap();
-    let socket = scene.socket();
-    let mut next = scene.screed(&["print", "--yes", "--layers", "1", "--attach"]);
-    let next = next.arg(&socket).arg(&model).arg("--cell").arg(&cell).spawn().unwrap();
-    thread::sleep(Duration::from_millis(700));
-    signal(next.id() as i32, "INT");
-    let (code, _, error) = finished(next);
-    assert_eq!(code, Some(130), "{error}");
-    assert!(error.contains("an earlier host was lost"), "{error}");
-    assert!(socket.exists(), "screed-rt holds on: the second host did not start it, so it does not end it");
-    scene.end_all();
-
-    let record = read_record(&scene.path("robot.csv"));
-    let setpoints = received(&record);
-    judge(&setpoints, 0.002, &demo_limits());
-    // What the first host had sent was played to a rest on the path: the setpoints before the second host's motion.
-    let rest = setpoints.windows(500).position(|w| w.iter().all(|q| *q == w[0]) && w[0] != setpoints[0]);
-    let rest = rest.expect("a second of rest after the ring was played out");
-    assert_on_path(&setpoints[..rest + 500], path);
-    let (commanded, actual) = last_flow(&scene.path("extruder.csv"));
-    assert_eq!(commanded, 0.0);
-    assert!(actual.abs() < 1e-9, "{actual} m³/s still flow");
-    let last = record.last().unwrap();
-    assert!(last.actual_q.iter().zip(&last.registers).all(|(a, b)| (a - b).abs() < 1e-3), "the arm came to rest there");
-}
-
+/// Thirty instants are in `.ci/run`: `cargo run --release --example lost_hosts`.
 #[test]
-fn a_killed_host_leaves_the_arm_at_rest_on_its_path_at_twenty_instants() {
-    let path = planned_path();
+fn a_killed_and_a_stopped_host_leave_the_arm_at_rest_on_its_path() {
+    let path = planned_path(500);
     let mut random = Random::new(20);
-    let instants: Vec<Duration> = (0..20).map(|_| Duration::from_secs_f64(random.between(2.5, 12.0))).collect();
-    for part in instants.chunks(5) {
-        thread::scope(|scope| {
-            for after in part {
-                scope.spawn(|| kill_host_at(*after, &path));
-            }
-        });
-    }
+    let mut instant = || Duration::from_secs_f64(random.between(2.5, 12.0));
+    let lost = [(Lost::Killed, instant()), (Lost::Stopped, instant()), (Lost::Killed, instant())];
+    thread::scope(|scope| {
+        for (how, after) in lost {
+            let path = &path;
+            scope.spawn(move || lose_host_at(how, after, path));
+        }
+    });
 }
 
 #[test]
 fn ctrl_c_rests_within_a_second_and_leaves_nothing_behind() {
-    let path = planned_path();
+    let path = planned_path(500);
     for after in [3.0, 10.0] {
         let scene = Scene::new();
         let host = scene.demo(&[]);
@@ -209,7 +47,7 @@ fn ctrl_c_rests_within_a_second_and_leaves_nothing_behind() {
         assert!(left.iter().all(|name| name.to_string_lossy().ends_with(".csv")), "{left:?}");
         let setpoints = received(&read_record(&scene.path("robot.csv")));
         judge(&setpoints, 0.002, &demo_limits());
-        assert_on_path(&setpoints, &path);
+        assert_on_path(&setpoints, &path, 0, 1e-6);
         assert_eq!(last_flow(&scene.path("extruder.csv")).0, 0.0);
     }
 }
@@ -322,14 +160,99 @@ fn a_fault_stays_until_a_person_leaves_it() {
     }
 }
 
-/// What a simulated machine says in its first line.
-fn announced(child: &mut Child, key: &str) -> String {
-    let mut line = Vec::new();
-    let out = child.stdout.as_mut().unwrap();
-    let mut byte = [0];
-    while out.read(&mut byte).unwrap() == 1 && byte[0] != b'\n' {
-        line.push(byte[0]);
+#[test]
+fn a_certificate_is_verified_and_any_change_of_it_is_noticed() {
+    let scene = Scene::new();
+    let (file, key) = (scene.path("core.json"), scene.path("keys/own.key"));
+    let latency = |more: &[&str]| {
+        let mut command = scene.screed(&["latency"]);
+        finished(command.args(more).spawn().unwrap())
+    };
+    let (name, key_name) = (file.to_str().unwrap(), key.to_str().unwrap());
+    let measure = ["--certificate", name, "--hours", "0.001", "--key", key_name, "--allow-non-rt"];
+    let (code, out, error) = latency(&measure);
+    assert_eq!(code, Some(0), "{error}");
+    assert!(out.contains("wake-ups") && out.contains("sensor in to wire out"), "{out}");
+    let own = error.split("signed by key ").nth(1).unwrap().split(';').next().unwrap().to_owned();
+    let told: serde_json::Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
+    for histogram in [&told["wake"], &told["sensor_to_wire"]] {
+        let bins = histogram["histogram"].as_array().unwrap();
+        let sum: u64 = bins.iter().map(|bin| bin[1].as_u64().unwrap()).sum();
+        assert!(sum > 50 && sum <= histogram["count"].as_u64().unwrap(), "{histogram}");
     }
-    let value: serde_json::Value = serde_json::from_slice(&line).unwrap();
-    value[key].as_str().unwrap().to_owned()
+    assert_eq!(told["seconds_each"], 1.8);
+    let machine = fs::read_to_string("/proc/cmdline").unwrap();
+    assert_eq!(told["machine"]["command_line"], machine.trim());
+    assert!(told["doctor"]["findings"].as_array().unwrap().len() > 10);
+    let programs = told["programs"].as_array().unwrap();
+    assert!(programs.iter().all(|program| program["sha256"].as_str().unwrap().len() == 64), "{programs:?}");
+    let digest = Command::new("sha256sum").arg(common::scene::program("screed")).output().unwrap();
+    assert!(String::from_utf8(digest.stdout).unwrap().starts_with(programs[0]["sha256"].as_str().unwrap()));
+
+    let (code, out, error) = latency(&["--verify", name]);
+    assert!(code == Some(0) && out.contains(&own), "{out}{error}");
+    assert_eq!(latency(&["--verify", name, "--trust", &own]).0, Some(0));
+    let (code, _, error) = latency(&["--verify", name, "--trust", &own.replace(&own[..1], "x")]);
+    assert!(code == Some(1) && error.contains("is trusted"), "{error}");
+    // The same key signs the next one; one that others can read signs none.
+    let (_, _, error) = latency(&measure);
+    assert!(error.contains(&own), "{error}");
+    Command::new("chmod").args(["644", key_name]).status().unwrap();
+    let (code, _, error) = latency(&measure);
+    assert!(code == Some(1) && error.contains("can be read by others"), "{error}");
+
+    let text = fs::read_to_string(&file).unwrap();
+    let better = text.replacen("\"max_us\": ", "\"max_us\": 0", 1);
+    assert_ne!(better, text);
+    fs::write(&file, better).unwrap();
+    let (code, _, error) = latency(&["--verify", name]);
+    assert!(code == Some(1) && error.contains("not what was signed") && error.contains("remedy"), "{error}");
+    fs::write(&file, text).unwrap();
+    let seal = scene.path("core.json.sig");
+    let signature = fs::read_to_string(&seal).unwrap();
+    let last = signature.trim_end().chars().next_back().unwrap();
+    let other =
+        format!("{}{}\n", &signature.trim_end()[..signature.trim_end().len() - 1], if last == '0' { '1' } else { '0' });
+    fs::write(&seal, other).unwrap();
+    assert_eq!(latency(&["--verify", name]).0, Some(1));
+    fs::remove_file(&seal).unwrap();
+    assert_eq!(latency(&["--verify", name]).0, Some(1));
+}
+
+#[test]
+fn a_loop_without_real_time_is_stamped_in_table_progress_log_and_its_last_line() {
+    let scene = Scene::new();
+    let (model, cell, log) = (scene.path("wall.ifc"), scene.path("cell.toml"), scene.path("cycles.screedlog"));
+    fs::write(&model, quarter_circle(&QuarterCircle::default())).unwrap();
+    let mut robot = scene.screed(&["sim", "ur", "--port", "0", "--json", "--exit-when-idle", "30"]).spawn().unwrap();
+    let mut extruder = scene.screed(&["sim", "extruder", "--json", "--exit-when-idle", "30"]).spawn().unwrap();
+    let (address, device) = (announced(&mut robot, "listening"), announced(&mut extruder, "device"));
+    // A processor that no machine has: refused to root too.
+    fs::write(&cell, Cell::demo_text(125).unwrap() + "\n[realtime]\ncpu = 1023\n").unwrap();
+    let socket = scene.path("rt.sock");
+    let mut process = Command::new(env!("CARGO_BIN_EXE_screed-rt"));
+    process.arg("--cell").arg(&cell).arg("--socket").arg(&socket).arg("--allow-non-rt");
+    process.args(["--robot", &address, "--extruder", &device]).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let process = process.spawn().unwrap();
+    while !socket.exists() {
+        thread::sleep(Duration::from_millis(10));
+    }
+    let mut print = scene.screed(&["print", "--yes", "--layers", "1", "--attach"]);
+    let print = print.arg(&socket).arg(&model).arg("--cell").arg(&cell).arg("--log").arg(&log).spawn().unwrap();
+    thread::sleep(Duration::from_secs(4));
+    signal(print.id() as i32, "INT");
+    let (code, table, progress) = finished(print);
+    assert_eq!(code, Some(130), "{progress}");
+    let row = table.lines().find(|line| line.contains("scheduling")).unwrap();
+    assert!(row.ends_with("NON-RT") && table.contains("processor 1023"), "{table}");
+    assert!(progress.lines().any(|line| line.starts_with("layer") && line.ends_with("NON-RT")), "{progress}");
+    let (code, told, error) = finished(scene.screed(&["log", log.to_str().unwrap()]).spawn().unwrap());
+    assert!(code == Some(0) && told.contains(" cycles stamped NON-RT, 0 real time"), "{told}{error}");
+    signal(process.id() as i32, "TERM");
+    let (_, last, _) = finished(process);
+    assert!(last.contains("screed-rt, NON-RT: "), "{last}");
+    for machine in [robot, extruder] {
+        signal(machine.id() as i32, "TERM");
+        finished(machine);
+    }
 }

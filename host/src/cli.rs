@@ -12,6 +12,7 @@ mod plan;
 mod print;
 mod robot;
 mod sim;
+mod soak;
 mod tape;
 
 use crate::failure::{Exit, Failure};
@@ -121,6 +122,9 @@ enum RtCommand {
     /// Play the kernel's test tape and compare what it gives with the expected bits
     #[command(hide = true)]
     Tape,
+    /// Run many ticks unpaced and say what they took from memory
+    #[command(hide = true)]
+    Soak(soak::SoakArgs),
 }
 
 /// The program `screed-rt` on the process' own arguments.
@@ -134,6 +138,7 @@ pub fn rt_main() -> ExitCode {
     };
     let result = match (&cli.command, &cli.args) {
         (Some(RtCommand::Tape), _) => tape::run(),
+        (Some(RtCommand::Soak(args)), _) => soak::run(args),
         (None, Some(args)) => rt::run(args).map_err(Failure::from),
         // Without any argument there was the help to read; with some, clap asks for those that are needed.
         (None, None) => Err(Failure::new(Exit::Usage, "there is nothing to run", "give --cell and --socket")),

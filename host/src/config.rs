@@ -227,6 +227,26 @@ pub struct Realtime {
     pub priority: u8,
     /// The processor it is bound to; `None` leaves the choice to the system.
     pub cpu: Option<usize>,
+    /// Whose clock its cycles follow.
+    pub pacing: Pacing,
+    /// Where the leaky counter of overruns stops the motion.
+    pub overruns_max: u32,
+}
+
+impl Default for Realtime {
+    /// Where the cell file says nothing.
+    fn default() -> Self {
+        Self { priority: 80, cpu: None, pacing: Pacing::Robot, overruns_max: 10 }
+    }
+}
+
+/// Whose clock the cycles follow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pacing {
+    /// The robot's: each of its telegrams is a cycle, and wants an answer.
+    Robot,
+    /// This machine's, on a grid: for robots without a clock of their own.
+    Timer,
 }
 
 /// Reads a cell file.

@@ -5,6 +5,7 @@
 //! the medians' difference and the 99th percentiles' ratio are taken, and their middle is given with the interval that a
 //! bootstrap over pairs leaves (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13).
 
+pub mod certificate;
 mod compare;
 
 pub use compare::{Comparison, Interval, Pair};
@@ -81,7 +82,7 @@ impl Histogram {
 /// What a run came to.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// Wake-ups.
+    /// How many.
     pub count: u64,
     /// Half were not later (µs).
     pub median_us: u32,
@@ -115,7 +116,7 @@ impl Summary {
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { count, median_us, p99_us, p999_us, max_us, missed, .. } = self;
-        write!(f, "{count} wake-ups: median {median_us} µs, p99 {p99_us} µs, p99.9 {p999_us} µs, max {max_us} µs, ")?;
+        write!(f, "{count}: median {median_us} µs, p99 {p99_us} µs, p99.9 {p999_us} µs, max {max_us} µs, ")?;
         write!(f, "{missed} slots missed")
     }
 }

@@ -19,9 +19,9 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 const MAGIC: [u8; 8] = *b"SCREEDLG";
-const VERSION: u16 = 1;
+const VERSION: u16 = 2;
 /// Bytes of one record.
-const RECORD_SIZE: usize = 160;
+const RECORD_SIZE: usize = 176;
 /// Records of a full block: half a second at 125 Hz.
 const BLOCK_RECORDS: usize = 64;
 /// More than any metadata needs; a larger figure is damage.
@@ -53,6 +53,8 @@ pub struct Metadata {
 pub struct CycleRecord {
     /// Count of cycles since the real-time process started.
     pub tick: Tick,
+    /// When the robot's state lay ready to be read, or the timer's slot began.
+    pub readable: Nanos,
     /// When the robot's state had been received (monotonic clock; virtual time in a fast run).
     pub received: Nanos,
     /// When the kernel's tick had ended.
@@ -77,6 +79,10 @@ pub struct CycleRecord {
     pub commanded: JointPos<6>,
     /// The robot's joints by its encoders (rad).
     pub actual: JointPos<6>,
+    /// Slots before this cycle that went without an answer; above 0 it is an overrun.
+    pub missed: u32,
+    /// The leaky counter of overruns, this one included.
+    pub overrun_level: u32,
 }
 
 /// What is true of a cycle.
@@ -90,6 +96,9 @@ impl Flags {
     pub const DOUBLED: Self = Self(2);
     /// At least one state of the robot before this one went without an answer.
     pub const SKIPPED: Self = Self(4);
+
+    /// The process had not all that a hard-timed loop needs.
+    pub const NON_RT: Self = Self(8);
 
     /// Whether all flags of `other` are set.
     pub const fn contains(self, other: Self) -> bool {
@@ -108,7 +117,7 @@ impl std::ops::BitOr for Flags {
 impl CycleRecord {
     /// Little-endian, in the order of the fields.
     fn encode(&self, out: &mut Vec<u8>) {
-        for stamp in [self.tick.0, self.received.0, self.ticked.0, self.sent.0] {
+        for stamp in [self.tick.0, self.readable.0, self.received.0, self.ticked.0, self.sent.0] {
             out.extend(stamp.to_le_bytes());
         }
         out.extend(self.robot_timestamp.to_le_bytes());
@@ -118,11 +127,14 @@ impl CycleRecord {
         for value in [self.rate, self.flow].iter().chain(&self.commanded.0).chain(&self.actual.0) {
             out.extend(value.to_le_bytes());
         }
+        out.extend(self.missed.to_le_bytes());
+        out.extend(self.overrun_level.to_le_bytes());
     }
 
     /// `None` when fewer bytes than a record are left.
     fn decode(bytes: &mut &[u8]) -> Option<Self> {
         let tick = Tick(u64::from_le_bytes(take(bytes)?));
+        let readable = Nanos(u64::from_le_bytes(take(bytes)?));
         let received = Nanos(u64::from_le_bytes(take(bytes)?));
         let ticked = Nanos(u64::from_le_bytes(take(bytes)?));
         let sent = Nanos(u64::from_le_bytes(take(bytes)?));
@@ -141,8 +153,11 @@ impl CycleRecord {
         };
         let (commanded, actual) = (joints()?, joints()?);
         let flags = Flags(flags);
+        let missed = u32::from_le_bytes(take(bytes)?);
+        let overrun_level = u32::from_le_bytes(take(bytes)?);
         Some(Self {
             tick,
+            readable,
             received,
             ticked,
             sent,
@@ -155,6 +170,8 @@ impl CycleRecord {
             flow,
             commanded,
             actual,
+            missed,
+            overrun_level,
         })
     }
 }

@@ -113,6 +113,7 @@ pub const fn fault_number(fault: Option<Fault>) -> u8 {
         Some(Fault::Drive { .. }) => 11,
         Some(Fault::Lead { .. }) => 12,
         Some(Fault::Tracker { .. }) => 13,
+        Some(Fault::Overrun { .. }) => 14,
     }
 }
 

@@ -14,6 +14,7 @@ use crate::fault::Fault;
 use crate::guard::Quantity;
 use crate::ik::Family;
 use crate::mode::Mode;
+use crate::pid::DT_MAX;
 use crate::pose::Pose;
 use crate::tick::{Command, Corrected, Kernel, Sensors};
 use crate::units::{JointAcc, Nanos};
@@ -156,11 +157,17 @@ impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
     }
 
     /// Since the last tick (s). The robot's telegram is the clock, and its stamp here has a process' jitter: what is not late by
-    /// half a period is on time, as [`crate::frame::Status::ticks_late`] has it.
+    /// half a period is on time, as [`crate::frame::Status::ticks_late`] has it. A stall counts as it was, up to [`DT_MAX`].
     fn elapsed(&mut self, now: Nanos) -> f64 {
         let elapsed = self.ticked.map_or(self.period, |before| now.since(before) as f64 * 1e-9);
         self.ticked = Some(now);
-        if libm::fabs(elapsed - self.period) <= 0.5 * self.period { self.period } else { elapsed }
+        if libm::fabs(elapsed - self.period) <= 0.5 * self.period {
+            self.period
+        } else if elapsed > DT_MAX {
+            DT_MAX
+        } else {
+            elapsed
+        }
     }
 }
 

@@ -107,6 +107,13 @@ pub enum Fault {
         /// For how long it may.
         limit: f64,
     },
+    /// The loop overran again and again, with too few good cycles between: its process does not hold the robot's pace. Since 1.1.
+    Overrun {
+        /// Slots missed in these overruns.
+        missed: u32,
+        /// Overruns, less the good cycles between, that are too many.
+        limit: u32,
+    },
 }
 
 /// Why a pose cannot be reached: [`IkError`] as it crosses the wire.
@@ -141,7 +148,7 @@ impl From<IkError> for Fault {
 
 impl Fault {
     /// One of each kind, in the order of their codes.
-    pub const KINDS: [Self; 13] = [
+    pub const KINDS: [Self; 14] = [
         Self::Following { joint: 0, value: 0.0, limit: 0.0 },
         Self::Sensor { joint: 0 },
         Self::RobotNotReady,
@@ -155,6 +162,7 @@ impl Fault {
         Self::Drive { joint: 0, value: 0.0, limit: 0.0 },
         Self::Lead { joint: 0, value: 0.0, limit: 0.0 },
         Self::Tracker { value: 0.0, limit: 0.0 },
+        Self::Overrun { missed: 0, limit: 0 },
     ];
 
     /// The same for a reader of this minor version: what 1.0 does not know is to it a correction outside the workspace. So it
@@ -165,6 +173,7 @@ impl Fault {
             Self::Unreachable { value, .. } => (0, value, 0.0),
             Self::Base { axis, value, limit } => (axis, value, limit),
             Self::Drive { joint, value, limit } | Self::Lead { joint, value, limit } => (joint, value, limit),
+            Self::Overrun { missed, limit } => (0, missed as f64, limit as f64),
             _ => return self,
         };
         if minor > 0 { self } else { Self::Correction { quantity: Quantity::Workspace, joint, value, limit } }
@@ -186,6 +195,7 @@ impl Fault {
             Self::Drive { .. } => "K11",
             Self::Lead { .. } => "K12",
             Self::Tracker { .. } => "K13",
+            Self::Overrun { .. } => "K14",
         }
     }
 
@@ -205,6 +215,7 @@ impl Fault {
             Self::Drive { .. } => "a drive lags more or less than it can",
             Self::Lead { .. } => "what is sent cannot lead the path as it should",
             Self::Tracker { .. } => "the tracker has been lost for too long",
+            Self::Overrun { .. } => "the loop came late again and again",
         }
     }
 
@@ -237,6 +248,9 @@ impl Fault {
             }
             Self::Lead { .. } => "widen the limits of [lead], or plan slower; then re-arm",
             Self::Tracker { .. } => "clear the beam and look at the tracker; then re-arm",
+            Self::Overrun { .. } => {
+                "run screed doctor, and end what else uses the machine or its line to the robot; then re-arm"
+            }
         }
     }
 }

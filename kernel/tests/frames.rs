@@ -9,7 +9,7 @@ use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::fault::{Fault, Unreached};
 use screed_kernel::frame::{
     self, BaseRecord, BatchPart, CODE_MAX, Configure, CycleRecord, FRAME_MAX, FaultReport, FrameError, FromKernel,
-    JOINTS_MAX, LoopRecord, ModeCode, Refusal, Status, ToKernel, Unsound, VERSION, WIRE_MAX,
+    JOINTS_MAX, LoopRecord, ModeCode, Pace, Refusal, Status, ToKernel, Unsound, VERSION, WIRE_MAX,
 };
 use screed_kernel::guard::{PLANES_MAX, Plane, Quantity};
 use screed_kernel::setpoint::{Coder, Setpoint, flow_on_grid, joint_on_grid};
@@ -20,8 +20,8 @@ const FROZEN_LINES: usize = 59;
 const FROZEN: u32 = 0xef16_3c0b;
 
 /// The same of what version 1.1 appends.
-const FROZEN_LINES_1_1: usize = 19;
-const FROZEN_1_1: u32 = 0xe52b_4449;
+const FROZEN_LINES_1_1: usize = 21;
+const FROZEN_1_1: u32 = 0x669a_2fe0;
 
 const CORRECTION: CorrectionLimits = CorrectionLimits { size_max: 0.02, velocity_max: 0.1, acceleration_max: 1.0 };
 
@@ -164,6 +164,7 @@ fn since_1_1() -> Vec<(String, FromKernel)> {
             Fault::Drive { joint, value, limit },
             Fault::Lead { joint, value, limit },
             Fault::Tracker { value, limit },
+            Fault::Overrun { missed: 34, limit: 10 },
         ])
         .collect();
     let mut codes: Vec<_> = faults.iter().map(Fault::code).collect();
@@ -201,6 +202,19 @@ fn since_1_1() -> Vec<(String, FromKernel)> {
     let status = Status { mode: ModeCode::Faulted, fault: Some(status), ..STATUS };
     let nine = (1..=JOINTS_MAX).map(|joint| 0.01 * joint as f64).collect::<frame::JointValues>();
     let widest = LoopRecord { lag: nine.clone(), inverse_gain: nine.clone(), ..record.clone() };
+    let pace = Pace {
+        tick: 123_456,
+        readable_ns: 999_000,
+        overruns: 12,
+        slots_missed: 345,
+        level: 1,
+        level_max: 6,
+        writes_blocked: 2,
+        segments_resent: 3,
+        allocations: 4,
+        faults_minor: 5,
+        faults_major: 6,
+    };
     let mut messages: Vec<_> = reports.collect();
     messages.extend([
         ("status-k13".to_owned(), FromKernel::Status(status)),
@@ -210,6 +224,7 @@ fn since_1_1() -> Vec<(String, FromKernel)> {
         ("loop-9-joints".to_owned(), FromKernel::Loop(widest)),
         ("path".to_owned(), FromKernel::Path { tick: 123_456, joints: both(0.1) }),
         ("path-9-joints".to_owned(), FromKernel::Path { tick: 123_456, joints: nine }),
+        ("pace".to_owned(), FromKernel::Pace(pace)),
     ]);
     messages
 }

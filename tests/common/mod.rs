@@ -1,6 +1,12 @@
 //! What the whole-flow tests share: seeded numbers, and a judge of what the robot received that shares no code with Screed.
 #![allow(dead_code)] // Each test takes what it needs.
 
+pub mod scene;
+
+use screed::config::Cell;
+use screed::model::fim;
+use screed::plan::{Options, Plan};
+use screed_fixtures::{QuarterCircle, quarter_circle};
 use std::path::Path;
 
 /// SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014): the same numbers for the same
@@ -125,4 +131,38 @@ pub fn judge(setpoints: &[[f64; 6]], period: f64, limits: &Limits) {
             assert!(speed <= *limit, "setpoint {k}, joint {j}: {speed} rad/s");
         }
     }
+}
+
+/// Tool positions of the demo's planned path, in order (m, base frame).
+pub fn planned_path(rate_hz: u32) -> Vec<[f64; 3]> {
+    let text = quarter_circle(&QuarterCircle::default());
+    let model = fim::parse("demo", text.as_bytes()).unwrap();
+    let cell = Cell::demo(rate_hz).unwrap();
+    let options = Options { layers: Some(1), ..Options::default() };
+    let plan = Plan::new(&model, &cell, &options, &cell.robot.start).unwrap();
+    let batches = plan.batches().map(Result::unwrap);
+    batches.flat_map(|b| b.setpoints[..b.path_len].to_vec()).map(|setpoint| tcp(&setpoint.joints.0, 0.2)).collect()
+}
+
+/// Asserts that every point lies on the path, in order and from index `at` on: within `tolerance` m of the chords between
+/// planned setpoints.
+pub fn assert_on_path(setpoints: &[[f64; 6]], path: &[[f64; 3]], mut at: usize, tolerance: f64) {
+    for (k, q) in setpoints.iter().enumerate() {
+        let point = tcp(q, 0.2);
+        let near = (at.max(1) - 1..path.len().min(at + 400) - 1)
+            .map(|i| (i, to_chord(&point, &path[i], &path[i + 1])))
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let (i, distance) = near.unwrap();
+        assert!(distance < tolerance, "received setpoint {k} is {distance} m off the path");
+        at = i;
+    }
+}
+
+fn to_chord(p: &[f64; 3], a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    let sub = |u: &[f64; 3], v: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|i| u[i] - v[i]) };
+    let dot = |u: &[f64; 3], v: &[f64; 3]| u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
+    let (ab, ap) = (sub(b, a), sub(p, a));
+    let t = if dot(&ab, &ab) > 0.0 { (dot(&ap, &ab) / dot(&ab, &ab)).clamp(0.0, 1.0) } else { 0.0 };
+    let off: [f64; 3] = std::array::from_fn(|i| ap[i] - t * ab[i]);
+    dot(&off, &off).sqrt()
 }

@@ -1,11 +1,14 @@
 //! `screed latency`
 
+mod certify;
+
 use super::args::{LatencyArgs, Yardstick};
 use super::say;
 use crate::config::{self, Cell, Realtime};
 use crate::failure::{Exit, Failure};
 use crate::latency::{Comparison, Pair, Summary};
 use crate::run::realtime;
+use crate::run::sensor_wire::{self, Measured, Wire};
 use crate::run::wake::{self, Pace};
 use serde::Serialize;
 use std::io::{self, Write};
@@ -31,19 +34,39 @@ struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     ours: Option<Summary>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    sensor_to_wire: Option<Wire>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     versus: Option<Comparison>,
 }
 
-/// Measures how late the timer-paced loop wakes.
+/// Measures how late the timer-paced loop wakes, and how long `screed-rt` takes from sensor in to wire out.
 ///
 /// # Errors
 /// A cell file, real time that is refused, a clock or a cyclictest that fails.
 pub fn run(args: &LatencyArgs) -> Result<(), Failure> {
+    if let Some(file) = &args.verify {
+        return certify::verify(file, args.trust.as_deref());
+    }
     let cell = match &args.cell {
         Some(path) => config::load(path)?,
         None => Cell::demo(125)?,
     };
     let wanted = Realtime { cpu: args.cpu.or(cell.realtime.cpu), ..cell.realtime };
+    // What cannot be signed is told before hours have gone by.
+    let certificate =
+        args.certificate.as_deref().map(|file| certify::prepare(file, args.key.as_deref())).transpose()?;
+    let length = if certificate.is_some() { args.hours / 2 } else { args.length };
+    let began = certify::unix_seconds();
+    // First: the processes that this starts are bound to no processor, as long as this one is not.
+    let sensor_to_wire = match args.vs {
+        Some(_) => None,
+        None => Some(sensor_wire::measure(&Measured {
+            rate_hz: cell.link.rate_hz,
+            realtime: wanted,
+            length,
+            allow_non_rt: args.allow_non_rt,
+        })?),
+    };
     let scheduling = realtime::enter(&wanted);
     if !scheduling.realtime && !args.allow_non_rt {
         let remedy = "grant what was refused (screed doctor), or measure stamped NON-RT with --allow-non-rt";
@@ -56,14 +79,18 @@ pub fn run(args: &LatencyArgs) -> Result<(), Failure> {
         scheduling: if scheduling.realtime { "real time" } else { "NON-RT" },
         scheduling_note: scheduling.note,
         ours: None,
+        sensor_to_wire,
         versus: None,
     };
     match args.vs {
         None => {
-            let (histogram, missed) = wake::ours(&Pace { period: args.period, length: args.length }).map_err(failed)?;
+            let (histogram, missed) = wake::ours(&Pace { period: args.period, length }).map_err(failed)?;
             report.ours = Summary::of(&histogram, missed);
         }
         Some(Yardstick::Cyclictest) => report.versus = Some(compare(args, &wanted)?),
+    }
+    if let Some(prepared) = certificate {
+        certify::write(&prepared, &report, &wanted, began, length)?;
     }
     if args.json {
         let text = serde_json::to_string_pretty(&report)
@@ -121,14 +148,23 @@ fn compare(args: &LatencyArgs, wanted: &Realtime) -> Result<Comparison, Failure>
 }
 
 fn text(report: &Report) -> String {
-    let Report { period_us, priority, scheduling, scheduling_note, ours, versus, .. } = report;
+    let Report { period_us, priority, scheduling, scheduling_note, ours, sensor_to_wire, versus, .. } = report;
     let cpu = report.cpu.map_or("any processor".to_owned(), |cpu| format!("processor {cpu}"));
     let mut text = format!("{scheduling}, every {period_us} µs, SCHED_FIFO {priority}, {cpu}\n");
     if !scheduling_note.is_empty() {
         text += &format!("  {scheduling_note}\n");
     }
     if let Some(ours) = ours {
-        text += &format!("  {ours}\n");
+        text += &format!("  wake-ups {ours}\n");
+    }
+    if let Some(wire) = sensor_to_wire {
+        let Wire { rate_hz, scheduling, latency, overruns, overrun_counter_max, memory } = wire;
+        text += &format!("  sensor in to wire out, {rate_hz} Hz, {scheduling}: {latency}\n");
+        text += &format!(
+            "    {overruns} overruns, counter at most {overrun_counter_max}; {} allocations, {} page faults\n",
+            memory.allocations,
+            memory.faults_minor + memory.faults_major
+        );
     }
     if let Some(versus) = versus {
         let (difference, ratio) = (versus.median_difference_us, versus.p99_ratio);

@@ -4,7 +4,7 @@
 use super::control;
 use super::keys;
 use super::read::{Document, Section};
-use super::{Bound, Cell, Extruder, Limits, Link, LinkKind, Part, Realtime, Robot, Tool, Travel};
+use super::{Bound, Cell, Extruder, Limits, Link, LinkKind, Pacing, Part, Realtime, Robot, Tool, Travel};
 use crate::robot::calibration::{self, Calibrated};
 use nalgebra::Vector3;
 use screed_kernel::arm::{Arm, Rating};
@@ -267,14 +267,26 @@ fn extruder(document: &mut Document<'_>) -> Option<Extruder> {
 
 /// May be left out.
 fn realtime(document: &mut Document<'_>) -> Option<Realtime> {
-    const PRIORITY: i64 = 80;
-    let (mut priority, mut cpu) = (Some(PRIORITY), Some(None));
-    if document.has("realtime") {
-        let mut section = document.section("realtime");
-        priority = section.integer_or("priority", 1..=99, PRIORITY);
-        cpu = section.integer_if_given("cpu", 0..=1023);
-        section.finish();
+    let usual = Realtime::default();
+    if !document.has("realtime") {
+        return Some(usual);
     }
-    let cpu = cpu?.map(usize::try_from).transpose().ok()?;
-    Some(Realtime { priority: u8::try_from(priority?).ok()?, cpu })
+    let mut section = document.section("realtime");
+    let priority = section.integer_or("priority", 1..=99, usual.priority.into());
+    let cpu = section.integer_if_given("cpu", 0..=1023);
+    let pacing = match section.text_if_given("pace") {
+        Some(None) => Some(usual.pacing),
+        Some(Some("robot")) => Some(Pacing::Robot),
+        Some(Some("timer")) => Some(Pacing::Timer),
+        Some(Some(other)) => section.impossible("pace", "\"robot\" or \"timer\"", &format!("{other:?}")),
+        None => None,
+    };
+    let overruns_max = section.integer_or("overruns_max", 1..=100_000, usual.overruns_max.into());
+    section.finish();
+    Some(Realtime {
+        priority: u8::try_from(priority?).ok()?,
+        cpu: cpu?.map(usize::try_from).transpose().ok()?,
+        pacing: pacing?,
+        overruns_max: u32::try_from(overruns_max?).ok()?,
+    })
 }

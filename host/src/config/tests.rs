@@ -45,7 +45,7 @@ fn the_demo_cell_is_read_in_si() {
     assert_eq!((cell.travel.lift, cell.link.timeout, cell.link.watchdog), (0.05, 0.5, 0.5));
     assert_eq!((cell.link.port, cell.link.rate_hz, cell.link.register_offset), (30_004, 500, 0));
     assert_eq!((cell.extruder.baud, cell.extruder.flow_max), (115_200, 1e-4));
-    assert_eq!(cell.realtime, Realtime { priority: 80, cpu: None });
+    assert_eq!(cell.realtime, Realtime::default());
     assert!(matches!(Cell::demo(250), Err(ConfigError::DemoRate { found: 250 })));
 }
 

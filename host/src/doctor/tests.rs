@@ -39,7 +39,7 @@ fn diagnosis(cpu: Option<usize>, changes: &[(&str, &str)]) -> Diagnosis {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, text).unwrap();
     }
-    Diagnosis::of(root.path(), &Realtime { priority: 80, cpu })
+    Diagnosis::of(root.path(), &Realtime { cpu, ..Realtime::default() })
 }
 
 #[test]
@@ -92,7 +92,7 @@ fn what_the_system_does_not_tell_is_said_and_a_loop_without_a_processor_is_poor(
     let poor: Vec<_> = found.findings.iter().filter(|f| f.verdict == Verdict::Poor).map(|f| f.what).collect();
     assert_eq!(poor, ["processor", "isolated processors", "network interrupts"]);
     let root = TempDir::new().unwrap();
-    let found = Diagnosis::of(root.path(), &Realtime { priority: 80, cpu: None });
+    let found = Diagnosis::of(root.path(), &Realtime::default());
     let unknown = found.findings.iter().filter(|f| f.verdict == Verdict::Unknown).count();
     assert_eq!(unknown, 6, "{found}");
 }

@@ -103,14 +103,14 @@ pub enum Event {
 }
 
 /// The client.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct RtdeClient {
     inbox: Deframer,
     session: Session,
 }
 
 /// Everything but the bytes of the package being read.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Session {
     rate_hz: u32,
     register_offset: u8,

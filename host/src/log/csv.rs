@@ -36,7 +36,8 @@ pub fn write_csv(log: LogReader, out: &mut impl Write) -> Result<(), CsvError> {
 fn write_header(out: &mut impl Write) -> io::Result<()> {
     write!(
         out,
-        "tick,received_ns,ticked_ns,sent_ns,robot_timestamp_s,seq,mode,deposit,doubled,skipped,layer,rate,flow_m3_s"
+        "tick,readable_ns,received_ns,ticked_ns,sent_ns,robot_timestamp_s,seq,mode,deposit,doubled,skipped,non_rt,missed,\
+         overrun_level,layer,rate,flow_m3_s"
     )?;
     for kind in ["commanded", "actual"] {
         for joint in 1..=6 {
@@ -47,17 +48,32 @@ fn write_header(out: &mut impl Write) -> io::Result<()> {
 }
 
 fn write_row(out: &mut impl Write, record: &CycleRecord, modes: &[String]) -> io::Result<()> {
-    let CycleRecord { tick, received, ticked, sent, robot_timestamp, seq, mode, flags, layer, rate, flow, .. } = record;
-    write!(out, "{},{},{},{},{robot_timestamp},{seq},", tick.0, received.0, ticked.0, sent.0)?;
+    let CycleRecord {
+        tick,
+        readable,
+        received,
+        ticked,
+        sent,
+        robot_timestamp,
+        seq,
+        mode,
+        flags,
+        layer,
+        rate,
+        flow,
+        ..
+    } = record;
+    write!(out, "{},{},{},{},{},", tick.0, readable.0, received.0, ticked.0, sent.0)?;
+    write!(out, "{robot_timestamp},{seq},")?;
     match modes.get(usize::from(*mode)) {
         // A name cannot break the table.
         Some(name) if !name.contains([',', '"', '\n', '\r']) => write!(out, "{name}")?,
         _ => write!(out, "{mode}")?,
     }
-    for flag in [Flags::DEPOSIT, Flags::DOUBLED, Flags::SKIPPED] {
+    for flag in [Flags::DEPOSIT, Flags::DOUBLED, Flags::SKIPPED, Flags::NON_RT] {
         write!(out, ",{}", u8::from(flags.contains(flag)))?;
     }
-    write!(out, ",{layer},{rate},{flow}")?;
+    write!(out, ",{},{},{layer},{rate},{flow}", record.missed, record.overrun_level)?;
     for joint in record.commanded.0.iter().chain(&record.actual.0) {
         write!(out, ",{joint}")?;
     }

@@ -18,18 +18,23 @@ fn record(tick: u64) -> CycleRecord {
     let value = tick as f64;
     CycleRecord {
         tick: Tick(tick),
-        received: Nanos(tick * 8_000_000),
+        readable: Nanos(tick * 8_000_000),
+        received: Nanos(tick * 8_000_000 + 4_000),
         ticked: Nanos(tick * 8_000_000 + 20_000),
         sent: Nanos(tick * 8_000_000 + 31_000),
         robot_timestamp: 40.0 + 0.008 * value,
         seq: tick as u32 + 1,
         mode: (tick % 3) as u8,
-        flags: if tick.is_multiple_of(2) { Flags::DEPOSIT } else { Flags::DEPOSIT | Flags::DOUBLED },
+        flags: Flags::DEPOSIT
+            | if tick.is_multiple_of(2) { Flags::default() } else { Flags::DOUBLED }
+            | if tick.is_multiple_of(3) { Flags::NON_RT } else { Flags::default() },
         layer: (tick / 50) as u16,
         rate: 1.0,
         flow: 2.16e-5 * value,
         commanded: JointPos([0.1 * value, -1.0, 2.0, -3.0, 1e-300, f64::MIN_POSITIVE]),
         actual: JointPos([0.1 * value - 1e-3, -0.0, f64::MAX, -3.1, 1.5, 0.25]),
+        missed: (tick % 5) as u32,
+        overrun_level: tick as u32,
     }
 }
 
@@ -174,8 +179,8 @@ fn the_table_has_a_header_with_units_and_reads_back_exactly() {
     let table = String::from_utf8(table).expect("plain text");
     let mut lines = table.lines();
     let header: Vec<_> = lines.next().unwrap_or_default().split(',').collect();
-    assert_eq!(header.len(), 13 + 12);
-    assert_eq!((header.get(12), header.get(24)), (Some(&"flow_m3_s"), Some(&"actual_6_rad")));
+    assert_eq!(header.len(), 17 + 12);
+    assert_eq!((header.get(16), header.get(28)), (Some(&"flow_m3_s"), Some(&"actual_6_rad")));
     let rows: Vec<Vec<_>> = lines.map(|line| line.split(',').collect()).collect();
     assert_eq!(rows.len(), 70);
     for (tick, row) in (0..).zip(&rows) {
@@ -185,6 +190,12 @@ fn the_table_has_a_header_with_units_and_reads_back_exactly() {
         let number = |name: &str| field(name).and_then(|text| text.parse::<f64>().ok());
         assert_eq!(field("mode"), Some(["idle", "moving", "2"][(tick % 3) as usize]));
         assert_eq!(field("doubled"), Some(if tick.is_multiple_of(2) { "0" } else { "1" }));
+        assert_eq!(number("readable_ns"), Some(record.readable.0 as f64));
+        assert_eq!(
+            (field("missed"), number("overrun_level")),
+            (Some(["0", "1", "2", "3", "4"][(tick % 5) as usize]), Some(tick as f64))
+        );
+        assert_eq!(field("non_rt"), Some(if tick.is_multiple_of(3) { "1" } else { "0" }));
         assert_eq!(number("robot_timestamp_s"), Some(record.robot_timestamp));
         assert_eq!(number("flow_m3_s"), Some(record.flow));
         assert_eq!(number("commanded_5_rad"), Some(1e-300));

@@ -1,12 +1,14 @@
 //! The account of a print: every waypoint, every cycle, and three errors kept apart.
 
 use crate::config::Cell;
+use crate::latency::{Histogram, Summary};
 use crate::model::fim::Layer;
 use crate::plan::contour::Contour;
 use crate::plan::stream::Setpoint as Planned;
+use crate::run::memory::Memory;
 use nalgebra::Point3;
 use screed_kernel::arm::Arm;
-use screed_kernel::frame::{CycleRecord, LoopRecord, ModeCode};
+use screed_kernel::frame::{CycleRecord, LoopRecord, ModeCode, Pace};
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
 use serde::Serialize;
@@ -50,6 +52,9 @@ impl Serialize for Spread {
     }
 }
 
+/// Latencies from a telegram that lies ready to its answer that are told apart (µs): a cycle at 125 Hz and some more.
+const WIRE_BINS: usize = 20_000;
+
 /// FNV-1a, 64 bit (Fowler, Noll, Vo): a fingerprint, not a seal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Fnv(u64);
@@ -83,6 +88,10 @@ pub struct Account {
     /// Path setpoints in the ring or on the way there, in order.
     expected: VecDeque<Planned>,
     hash: Fnv,
+    /// How the pace had been kept when this began, and has been since.
+    pace_before: Option<Pace>,
+    pace: Option<Pace>,
+    wire: Histogram,
     last: Option<Last>,
     /// Where the path was at which tick, when what was commanded then is something else.
     path: Option<(u64, JointPos<6>)>,
@@ -115,6 +124,22 @@ pub struct Figures {
     pub stalls: u64,
     /// The longest such delay (s).
     pub stall_max_s: f64,
+    /// Overruns of the real-time process: runs of missed slots. One stall is one, however long.
+    pub overruns: u64,
+    /// Slots missed in them: robot cycles without an answer of their own.
+    pub slots_missed: u64,
+    /// The most that the leaky counter of overruns has been since the process started.
+    pub overrun_counter_max: u32,
+    /// Writes to the robot that its line did not take whole at once.
+    pub writes_blocked: u64,
+    /// Segments that TCP sent to the robot again.
+    pub segments_resent: u64,
+    /// What the real-time process has taken from memory since its loop began; nothing is looked at in virtual time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub memory: Option<Memory>,
+    /// From a robot's telegram that lies ready to its answer on the wire; nothing in virtual time, where nothing takes any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensor_to_wire: Option<Summary>,
     /// Commanded path against the model's curves, at the setpoints and half-way between. Where what is sent leads the path, the path
     /// is meant, and not what is sent.
     pub commanded_contour: Spread,
@@ -150,6 +175,9 @@ impl Account {
             contours: layers.iter().map(|layer| Contour::new(&layer.segments)).collect(),
             expected: VecDeque::new(),
             hash: Fnv::new(),
+            pace_before: None,
+            pace: None,
+            wire: Histogram::new(WIRE_BINS),
             last: None,
             path: None,
             figures: Figures::default(),
@@ -192,6 +220,30 @@ impl Account {
         });
     }
 
+    /// Takes into account how the pace has been kept.
+    pub fn observe_pace(&mut self, pace: &Pace) {
+        let before = *self.pace_before.get_or_insert(*pace);
+        self.pace = Some(*pace);
+        let figures = &mut self.figures;
+        figures.overruns = pace.overruns.saturating_sub(before.overruns);
+        figures.slots_missed = pace.slots_missed.saturating_sub(before.slots_missed);
+        figures.overrun_counter_max = pace.level_max;
+        figures.writes_blocked = pace.writes_blocked.saturating_sub(before.writes_blocked);
+        figures.segments_resent = pace.segments_resent.saturating_sub(before.segments_resent);
+        let Pace { allocations, faults_minor, faults_major, .. } = *pace;
+        figures.memory = Some(Memory { allocations, faults_minor, faults_major });
+    }
+
+    /// How the pace had been kept when the process spoke of it last.
+    pub const fn pace(&self) -> Option<Pace> {
+        self.pace
+    }
+
+    /// From telegrams that lie ready to their answers on the wire.
+    pub fn sensor_to_wire(&self) -> Option<Summary> {
+        Summary::of(&self.wire, self.figures.slots_missed)
+    }
+
     /// Takes one cycle into account; returns the path setpoint that was newly commanded in it, if one was.
     pub fn observe(&mut self, record: &CycleRecord) -> Option<Planned> {
         let figures = &mut self.figures;
@@ -205,6 +257,10 @@ impl Account {
                 figures.stalls += 1;
                 figures.stall_max_s = figures.stall_max_s.max(late as f64 * 1e-9);
             }
+        }
+        if let Some(pace) = self.pace.filter(|pace| pace.tick == record.tick) {
+            let latency_us = record.sent_ns.saturating_sub(pace.readable_ns) / 1000;
+            self.wire.add(u32::try_from(latency_us).unwrap_or(u32::MAX));
         }
         let moving = matches!(record.mode, ModeCode::Moving | ModeCode::Stopping);
         if moving {

@@ -1,15 +1,17 @@
 //! What `screed-rt` does in a cycle, without sockets and clocks: robot, host and extruder bytes in, bytes for all three out.
 //! The timed process and virtual time both drive this one machine.
 
-use crate::config::Cell;
 use crate::config::kernel::{CellLoopError, DEPTH};
+use crate::config::{Cell, Pacing};
 use crate::link::extruder::{ExtruderError, ExtruderLine};
 use crate::link::rtde::{Event, LinkError, RobotState, RtdeClient, TextLevel};
+use crate::run::memory::Memory;
+use crate::run::overruns::Overruns;
 use screed_kernel::closed_loop::ClosedLoop;
 use screed_kernel::control::Report;
 use screed_kernel::estimator::Robot;
 use screed_kernel::fault::Fault;
-use screed_kernel::frame::{self, CycleRecord, FromKernel, NOTE_MAX};
+use screed_kernel::frame::{self, CycleRecord, FromKernel, NOTE_MAX, Pace, Status};
 use screed_kernel::tick::{Command, Kernel, Sensors, TRANSMIT_MAX};
 use screed_kernel::units::Nanos;
 use std::fmt::Display;
@@ -49,7 +51,30 @@ pub enum CoreError {
     Tracker,
 }
 
+/// What the process around it has met with since it started, for the account.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Usage {
+    /// Writes to the robot that its line did not take whole at once.
+    pub writes_blocked: u64,
+    /// Segments that TCP sent to the robot again.
+    pub segments_resent: u64,
+    /// What was taken from memory since the loop began.
+    pub memory: Memory,
+}
+
+/// A slot in which the robot is to be answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slot {
+    /// When it began: what the robot sent lay ready, or the timer's point was due.
+    pub began: Nanos,
+    /// Points of the timer's grid that passed before it; 0 where the robot paces.
+    pub missed: u32,
+    /// Whether the line to the robot has taken all that was sent before.
+    pub line_free: bool,
+}
+
 /// The real-time process as a state machine.
+#[derive(Clone)]
 pub struct Core {
     kernel: Box<Kernel<6, RING>>,
     /// Where the cell wants the servo's lag compensated.
@@ -66,8 +91,17 @@ pub struct Core {
     package: u32,
     /// How many answers are on their way when a telegram comes.
     depth: Depth,
-    /// Telegrams since the last record that went without an answer.
+    /// Whose telegrams or points the slots are.
+    pacing: Pacing,
+    /// What the robot said last, and whether it is new.
+    state: Option<RobotState>,
+    fresh: bool,
+    /// Slots since the last cycle that went without an answer.
     missed: u32,
+    overruns: Overruns,
+    usage: Usage,
+    /// When the present cycle's slot began.
+    began: Nanos,
     realtime: bool,
     note: heapless::String<NOTE_MAX>,
     extruder_failed: bool,
@@ -97,7 +131,13 @@ impl Core {
             record: None,
             package: 0,
             depth: Depth::default(),
+            pacing: cell.realtime.pacing,
+            state: None,
+            fresh: false,
             missed: 0,
+            overruns: Overruns::new(cell.realtime.overruns_max),
+            usage: Usage::default(),
+            began: Nanos(0),
             realtime,
             note: shorten(note),
             extruder_failed: false,
@@ -106,16 +146,22 @@ impl Core {
         })
     }
 
-    /// Bytes from the robot. Each state package in them is one cycle; of several only the newest is answered.
+    /// Bytes from the robot, as many times as there are some; [`Self::answer`] is to follow.
     ///
     /// # Errors
     /// [`LinkError`]: the link is down. The host has been told and nothing more is sent to the robot.
     pub fn on_robot(&mut self, now: Nanos, bytes: &[u8]) -> Result<(), LinkError> {
-        let mut result = self.robot.handle_bytes(now, bytes);
+        let result = self.robot.handle_bytes(now, bytes);
         while let Some(event) = self.robot.poll_event() {
             match event {
                 Event::Running { .. } => {}
-                Event::State { state, skipped } if result.is_ok() => result = self.cycle(now, &state, skipped),
+                Event::State { state, skipped } if result.is_ok() => {
+                    // By the timer's clock nothing is missed here; and before the first cycle nothing is.
+                    if self.pacing == Pacing::Robot && self.command.is_some() {
+                        self.missed += skipped + u32::from(self.fresh);
+                    }
+                    (self.state, self.fresh) = (Some(state), true);
+                }
                 Event::State { .. } => {}
                 Event::Text { text, .. } => {
                     if matches!(text.level, TextLevel::Exception | TextLevel::Error) {
@@ -124,6 +170,35 @@ impl Core {
                 }
             }
         }
+        self.check(result)
+    }
+
+    /// The cycle of a slot, if it is one to answer in. Where the robot paces, that is one with a new state, the newest of all
+    /// that [`Self::on_robot`] took; else each, once the robot has said where it is.
+    ///
+    /// # Errors
+    /// As [`Self::on_robot`].
+    pub fn answer(&mut self, now: Nanos, slot: Slot) -> Result<(), LinkError> {
+        let fresh = std::mem::take(&mut self.fresh);
+        let Some(state) = self.state else { return Ok(()) };
+        let late = match self.pacing {
+            Pacing::Robot if !fresh => return Ok(()),
+            // This process was late with the answer before, and the robot made this telegram without it. Another answer now
+            // could overwrite that one in the robot's registers: a waypoint would be lost.
+            Pacing::Robot => self.depth.is_deeper(self.package.wrapping_sub(state.arrived as u32)),
+            // States come by the robot's clock, which is none here.
+            Pacing::Timer => {
+                self.missed = self.missed.saturating_add(slot.missed);
+                false
+            }
+        };
+        // Nor is anything sent behind what the line has not taken: it would come late, and in a bunch.
+        if late || !slot.line_free {
+            self.missed += 1;
+            return Ok(());
+        }
+        self.began = slot.began;
+        let result = self.cycle(now, &state);
         self.check(result)
     }
 
@@ -199,6 +274,7 @@ impl Core {
         let used = self.kernel.poll_transmit(&mut out);
         self.queue(out.get(..used).unwrap_or(&[]));
         if let Some(record) = self.record.take() {
+            self.say(&FromKernel::Pace(self.pace()));
             let mut out = [0; 1024];
             // Both or none: a record whose path is missing would be taken for the path itself.
             let path = self.lead.is_some().then_some(self.command).flatten();
@@ -212,9 +288,38 @@ impl Core {
         }
     }
 
+    /// What the process around this met with: told to the host with every cycle.
+    pub const fn account(&mut self, usage: Usage) {
+        self.usage = usage;
+    }
+
+    /// How the pace has been kept.
+    pub fn pace(&self) -> Pace {
+        let (overruns, Usage { writes_blocked, segments_resent, memory }) = (&self.overruns, self.usage);
+        let Memory { allocations, faults_minor, faults_major } = memory;
+        Pace {
+            tick: self.ticks(),
+            readable_ns: self.began.0,
+            overruns: overruns.count(),
+            slots_missed: overruns.slots(),
+            level: overruns.level(),
+            level_max: overruns.level_max(),
+            writes_blocked,
+            segments_resent,
+            allocations,
+            faults_minor,
+            faults_major,
+        }
+    }
+
     /// What was commanded in the last cycle, and what the loop says of it.
     pub const fn last_command(&self) -> Option<&(Command<6>, Report)> {
         self.command.as_ref()
+    }
+
+    /// Where the kernel stands.
+    pub fn status(&self) -> Status {
+        self.kernel.status()
     }
 
     /// Cycles so far in which the kernel ticked.
@@ -255,13 +360,10 @@ impl Core {
         let _ = self.extruder.set_flow(0.0);
     }
 
-    fn cycle(&mut self, now: Nanos, state: &RobotState, skipped: u32) -> Result<(), LinkError> {
-        self.missed += skipped;
-        // This process was late with the answer before, and the robot made this telegram without it. Another answer now could
-        // overwrite that one in the robot's registers: a waypoint would be lost.
-        if self.depth.is_deeper(self.package.wrapping_sub(state.arrived as u32)) {
-            self.missed += 1;
-            return Ok(());
+    fn cycle(&mut self, now: Nanos, state: &RobotState) -> Result<(), LinkError> {
+        let missed = std::mem::take(&mut self.missed);
+        if let Some(fault) = self.overruns.cycle(missed) {
+            self.kernel.raise(fault);
         }
         let ready = state.runtime_state == PLAYING
             && state.robot_mode == RUNNING
@@ -290,7 +392,7 @@ impl Core {
             ticked_ns: 0,
             sent_ns: 0,
             robot_time: state.timestamp,
-            missed: std::mem::take(&mut self.missed),
+            missed,
             seq: command.seq,
             mode: command.mode.code(),
             deposit: command.deposit,
@@ -362,7 +464,7 @@ impl Core {
     fn queue(&mut self, bytes: &[u8]) {
         // Never beyond what was allocated at start. A host that does not read misses whole messages, and sees by the ticks of
         // the cycles how many.
-        if self.telemetry.len() + bytes.len() <= self.telemetry.capacity() {
+        if self.telemetry.len() + bytes.len() <= TELEMETRY_MAX {
             self.telemetry.extend_from_slice(bytes);
         }
     }

@@ -89,22 +89,12 @@ impl Demo {
         let cell_text = Cell::demo_text(self.rate_hz)?;
         fs::write(&cell_file, cell_text).map_err(|error| unreadable(&cell_file, &error))?;
 
-        let mut robot = children::screed(["sim", "ur", "--port", "0", "--json"])?;
-        robot.args(["--exit-when-idle", "60"]).arg("--program").arg(&program_file);
-        robot.arg("--cell").arg(&cell_file);
-        robot.args(self.record.iter().flat_map(|path| [Path::new("--record"), path]));
-        let mut robot = Process::spawn("the simulated robot", robot)?;
-        let address = announced(&robot.first_line()?, "listening")?;
-
-        let mut extruder = children::screed(["sim", "extruder", "--json", "--exit-when-idle", "60"])?;
-        extruder.args(self.record_extruder.iter().flat_map(|path| [Path::new("--record"), path]));
-        let mut extruder = Process::spawn("the simulated extruder", extruder)?;
-        let device = announced(&extruder.first_line()?, "device")?;
-
+        let machines =
+            Machines::start(&cell_file, &program_file, self.record.as_deref(), self.record_extruder.as_deref())?;
         let socket = folder.join("rt.sock");
         let mut process = children::screed_rt()?;
         process.arg("--cell").arg(&cell_file).arg("--socket").arg(&socket);
-        process.args(["--robot", &address, "--extruder", &device, "--exit-when-idle", "60", "--allow-non-rt"]);
+        process.args(machines.arguments()).args(["--exit-when-idle", "60", "--allow-non-rt"]);
         let attached = print::attach(&socket, Some(process))?;
         let summary = print::run(print, attached);
         if summary.is_err() {
@@ -112,8 +102,46 @@ impl Demo {
             std::thread::sleep(Duration::from_secs(1));
         }
         // In this order: the robot's client has gone, then the simulated machines.
-        drop((robot, extruder));
+        drop(machines);
         summary
+    }
+}
+
+/// The simulated robot and extruder, each a process that ends with this.
+pub struct Machines {
+    _robot: Process,
+    _extruder: Process,
+    address: String,
+    device: String,
+}
+
+impl Machines {
+    /// Starts both, with records where they are wanted.
+    ///
+    /// # Errors
+    /// [`Failure`] when one does not start.
+    pub fn start(
+        cell: &Path,
+        program: &Path,
+        record: Option<&Path>,
+        record_extruder: Option<&Path>,
+    ) -> Result<Self, Failure> {
+        let mut robot = children::screed(["sim", "ur", "--port", "0", "--json"])?;
+        robot.args(["--exit-when-idle", "60"]).arg("--program").arg(program).arg("--cell").arg(cell);
+        robot.args(record.iter().flat_map(|path| [Path::new("--record"), path]));
+        let mut robot = Process::spawn("the simulated robot", robot)?;
+        let address = announced(&robot.first_line()?, "listening")?;
+
+        let mut extruder = children::screed(["sim", "extruder", "--json", "--exit-when-idle", "60"])?;
+        extruder.args(record_extruder.iter().flat_map(|path| [Path::new("--record"), path]));
+        let mut extruder = Process::spawn("the simulated extruder", extruder)?;
+        let device = announced(&extruder.first_line()?, "device")?;
+        Ok(Self { _robot: robot, _extruder: extruder, address, device })
+    }
+
+    /// How `screed-rt` is told of them.
+    pub fn arguments(&self) -> [&str; 4] {
+        ["--robot", &self.address, "--extruder", &self.device]
     }
 }
 

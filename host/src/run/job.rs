@@ -12,8 +12,8 @@ use crate::run::account::Account;
 use crate::run::resend::{LineFigures, Resend};
 use crate::run::words;
 use screed_kernel::frame::{
-    self, Configure, CycleRecord, FaultReport, FrameError, FromKernel, LoopRecord, ModeCode, Reader, Refusal, Status,
-    ToKernel, WIRE_MAX,
+    self, Configure, CycleRecord, FaultReport, FrameError, FromKernel, LoopRecord, ModeCode, Pace, Reader, Refusal,
+    Status, ToKernel, WIRE_MAX,
 };
 use screed_kernel::setpoint::CodeError;
 use screed_kernel::units::JointPos;
@@ -22,8 +22,17 @@ use std::sync::Arc;
 /// How far ahead of the path clock the ring is kept filled (s).
 pub const LOOK_AHEAD: f64 = 4.0;
 
-/// Sees every cycle's record, and the path setpoint that was newly commanded in it.
-pub type OnCycle<'a> = &'a mut dyn FnMut(&CycleRecord, Option<Planned>);
+/// Sees every cycle's record, how the pace had been kept by then, and the path setpoint that was newly commanded.
+pub type OnCycle<'a> = &'a mut dyn FnMut(&CycleRecord, &Stamps, Option<Planned>);
+
+/// What the log has of a cycle besides its record.
+#[derive(Clone, Copy, Debug)]
+pub struct Stamps {
+    /// How the pace had been kept; nothing from a process of version 1.0.
+    pub pace: Option<Pace>,
+    /// Whether the process has what a hard-timed loop needs.
+    pub realtime: bool,
+}
 
 /// Why a print cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -311,8 +320,11 @@ impl Job {
             FromKernel::Status(status) => self.on_status(status)?,
             FromKernel::Cycle(record) => {
                 let planned = self.on_cycle(&record);
-                on_cycle(&record, planned);
+                let pace = self.account.pace().filter(|pace| pace.tick == record.tick);
+                let realtime = self.process.as_ref().is_some_and(|(realtime, _)| *realtime);
+                on_cycle(&record, &Stamps { pace, realtime }, planned);
             }
+            FromKernel::Pace(pace) => self.account.observe_pace(&pace),
             FromKernel::Accepted { batch } if self.unanswered == Some(batch) => {
                 self.unanswered = None;
                 self.credits_known = false;

@@ -45,8 +45,8 @@ pub struct Print<'a> {
 
 /// A connection to a kernel, and its process if this host started it.
 pub struct Attached {
-    wire: Wire,
-    process: Option<Process>,
+    pub(super) wire: Wire,
+    pub(super) process: Option<Process>,
     /// The socket or serial device.
     place: PathBuf,
 }
@@ -378,7 +378,7 @@ pub fn progress_line(session: &mut Session<'_>, progress: &Progress) -> String {
     let figures = &session.job().account().figures;
     let millimetres = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{:.3}", value * 1e3));
     format!(
-        "layer {} of {} to {}, {}  {:5.1} %  {:.0} s left  contour {} mm, lag {} mm  doubled {}  late {}  {}",
+        "layer {} of {} to {}, {}  {:5.1} %  {:.0} s left  contour {} mm, lag {} mm  doubled {}  late {}  overruns {}  {}",
         progress.layer,
         progress.layers.0,
         progress.layers.1.saturating_sub(1),
@@ -389,6 +389,7 @@ pub fn progress_line(session: &mut Session<'_>, progress: &Progress) -> String {
         millimetres(figures.following.rms()),
         figures.doubled,
         figures.stalls,
+        figures.overruns,
         if realtime { "RT" } else { "NON-RT" },
     )
 }

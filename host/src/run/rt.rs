@@ -1,13 +1,18 @@
 //! The timed process, `screed-rt`: owns the robot's socket, the extruder's line and the host's socket, and drives [`Core`].
 //!
-//! The robot's telegram is the clock: each one is read, answered and stamped before anything else is looked at.
+//! The robot's telegram is the clock: each one is read, answered and stamped before anything else is looked at. For robots
+//! without a clock of their own it is the timer, on a grid.
 
-use crate::config::{self, Cell, ConfigError};
+use crate::config::{self, Cell, ConfigError, Pacing};
 use crate::failure::{Exit, Failure};
 use crate::link::rtde::LinkError;
-use crate::run::core::{Core, CoreError};
+use crate::run::core::{Core, CoreError, Slot, Usage};
+use crate::run::grid::Grid;
+use crate::run::line::{Heard, RobotLine};
+use crate::run::memory::{self, Memory};
 use crate::run::serial::{SerialError, SerialPortNow};
-use crate::run::{realtime, signal};
+use crate::run::{grid, realtime, signal, wake};
+use screed_kernel::frame::Pace;
 use screed_kernel::tick::RECEIVE_MAX;
 use screed_kernel::units::Nanos;
 use std::fs;
@@ -18,6 +23,9 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
+
+/// Most reads of the robot's line before an answer: some hundred of its telegrams, more than its time-out leaves.
+const READS_MAX: usize = 64;
 
 /// How long the end may wait for the extruder and the host.
 const LAST_WORDS: Duration = Duration::from_millis(200);
@@ -43,6 +51,9 @@ pub struct RtArgs {
     /// End when no host has been attached for so long and the arm is at rest
     #[arg(long, value_name = "SECONDS")]
     pub exit_when_idle: Option<u64>,
+    /// Allocate once and touch a fresh page after the start: shows that the account counts both
+    #[arg(long, hide = true)]
+    pub take_memory: bool,
 }
 
 /// Why the process cannot begin or go on.
@@ -123,22 +134,50 @@ pub fn run(args: &RtArgs) -> Result<(), RtError> {
     let extruder = open_extruder(&cell, args)?;
     let robot = connect(&cell, args)?;
     let host = HostSide::listen(&args.socket)?;
-    let result =
-        Process { core, robot, extruder, extruder_gone: false, host, start: Instant::now() }.serve(args.exit_when_idle);
+    let mut process = Process {
+        core,
+        robot,
+        extruder,
+        extruder_gone: false,
+        host,
+        start: wake::now().map_err(RtError::Wait)?,
+        grid: None,
+        period_ns: 1_000_000_000 / u64::from(cell.link.rate_hz),
+        memory: Memory::now(),
+    };
+    if cell.realtime.pacing == Pacing::Timer {
+        process.grid = Some(Grid::new(process.period_ns, 0));
+    }
+    process.memory = Memory::now();
+    if args.take_memory {
+        memory::take_some();
+    }
+    let result = process.serve(args.exit_when_idle);
     let _ = fs::remove_file(&args.socket);
+    // Whoever started this process may have gone.
+    let _ = writeln!(io::stdout(), "{}", ending(&process.core.pace(), scheduling.realtime));
     result
 }
 
-fn connect(cell: &Cell, args: &RtArgs) -> Result<TcpStream, RtError> {
+/// The account at the end, in one line.
+fn ending(pace: &Pace, realtime: bool) -> String {
+    let Pace { tick, overruns, slots_missed, level_max, writes_blocked, segments_resent, .. } = pace;
+    let Pace { allocations, faults_minor, faults_major, .. } = pace;
+    let stamp = if realtime { "real time" } else { "NON-RT" };
+    format!(
+        "screed-rt, {stamp}: {tick} ticks, {overruns} overruns, {slots_missed} slots missed, counter at most {level_max}, \
+         {writes_blocked} writes blocked, {segments_resent} segments resent; since its start {allocations} allocations, \
+         {faults_minor} minor and {faults_major} major page faults"
+    )
+}
+
+fn connect(cell: &Cell, args: &RtArgs) -> Result<RobotLine, RtError> {
     let address = args.robot.clone().unwrap_or_else(|| format!("{}:{}", cell.link.address, cell.link.port));
     let fail = |source| RtError::Robot { address: address.clone(), source };
     let mut last = io::Error::new(ErrorKind::NotFound, "the name has no address");
     for candidate in address.to_socket_addrs().map_err(fail)? {
         match TcpStream::connect_timeout(&candidate, Duration::from_secs(3)) {
-            Ok(stream) => {
-                stream.set_nodelay(true).and_then(|()| stream.set_nonblocking(true)).map_err(fail)?;
-                return Ok(stream);
-            }
+            Ok(stream) => return RobotLine::new(stream).map_err(fail),
             Err(error) => last = error,
         }
     }
@@ -219,11 +258,17 @@ impl HostSide {
 
 struct Process {
     core: Core,
-    robot: TcpStream,
+    robot: RobotLine,
     extruder: SerialPortNow,
     extruder_gone: bool,
     host: HostSide,
-    start: Instant,
+    /// Of the monotonic clock (ns).
+    start: u64,
+    /// Where the timer paces.
+    grid: Option<Grid>,
+    period_ns: u64,
+    /// What had been taken before the loop began.
+    memory: Memory,
 }
 
 impl Process {
@@ -248,8 +293,8 @@ impl Process {
         let mut ending = false;
         loop {
             self.send_to_robot()?;
-            self.wait()?;
-            self.hear_robot()?;
+            let slot = self.wait()?;
+            self.hear_robot(slot)?;
             self.exchange_extruder();
             self.core.on_time(self.now())?;
             // In this order: a host that has just gone makes room for the next.
@@ -270,45 +315,54 @@ impl Process {
         }
     }
 
-    /// Reads what the robot sent, answers it, and only then stamps and reports the cycle.
-    fn hear_robot(&mut self) -> Result<(), RtError> {
+    /// Reads all that the robot sent, answers the newest, and only then stamps and reports the cycle.
+    fn hear_robot(&mut self, slot: Option<grid::Slot>) -> Result<(), RtError> {
         let mut bytes = [0; 4096];
-        let mut fill = 0;
         let mut closed = false;
-        while let Some(room) = bytes.get_mut(fill..).filter(|room| !room.is_empty()) {
-            match self.robot.read(room) {
-                Ok(0) => closed = true,
-                Ok(count) => {
-                    fill += count;
-                    continue;
+        let mut began = None;
+        // After a stall there may be many: all of them are heard before one is answered, so that one stall is one overrun.
+        for _ in 0..READS_MAX {
+            let heard = self.robot.read(&mut bytes);
+            let now = self.now();
+            match heard {
+                Heard::Bytes { count, .. } => {
+                    self.core.on_robot(now, bytes.get(..count).unwrap_or(&[]))?;
+                    began = Some(heard.ready_at(now));
                 }
-                Err(error) if is_wait(&error) => {}
-                Err(_) => closed = true,
+                Heard::Nothing => break,
+                Heard::Closed => {
+                    closed = true;
+                    break;
+                }
             }
-            break;
         }
-        if fill > 0 {
-            let received = self.now();
-            self.core.on_robot(received, bytes.get(..fill).unwrap_or(&[]))?;
+        let missed = slot.map_or(0, |slot| u32::try_from(slot.missed).unwrap_or(u32::MAX));
+        if let Some(began) = slot.map(|slot| Nanos(slot.due)).or(began) {
+            let now = self.now();
+            self.core.answer(now, Slot { began, missed, line_free: self.robot.is_free() })?;
             let ticked = self.now();
             self.send_to_robot()?;
-            self.core.finish_cycle(ticked, self.now());
+            let sent = self.now();
+            self.core.account(self.usage());
+            self.core.finish_cycle(ticked, sent);
         }
         if closed { Err(self.core.on_robot_closed().into()) } else { Ok(()) }
     }
 
     fn send_to_robot(&mut self) -> Result<(), RtError> {
-        let mut out = [0; 512];
-        loop {
-            let count = self.core.to_robot(self.now(), &mut out);
-            if count == 0 {
-                return Ok(());
-            }
-            // A package is far smaller than the socket's buffer: when it does not fit whole, the robot has stopped reading.
-            match self.robot.write(out.get(..count).unwrap_or(&[])) {
-                Ok(written) if written == count => {}
-                _ => return Err(self.core.on_robot_closed().into()),
-            }
+        let Self { robot, core, start, .. } = self;
+        let now = Nanos(since(*start));
+        if robot.send(|out| core.to_robot(now, out)).is_err() {
+            return Err(self.core.on_robot_closed().into());
+        }
+        Ok(())
+    }
+
+    fn usage(&self) -> Usage {
+        Usage {
+            writes_blocked: self.robot.blocked(),
+            segments_resent: self.robot.resent(),
+            memory: Memory::now().since(&self.memory),
         }
     }
 
@@ -328,11 +382,18 @@ impl Process {
         }
     }
 
-    /// Waits for any line, at most until the next deadline.
-    fn wait(&self) -> Result<(), RtError> {
-        let entry = |fd: RawFd| libc::pollfd { fd, events: libc::POLLIN, revents: 0 };
+    /// Waits until there is something to do: where the timer paces, for its next point, which it gives; else for any line, at
+    /// most until the next deadline.
+    fn wait(&mut self) -> Result<Option<grid::Slot>, RtError> {
+        if let Some(grid) = &mut self.grid {
+            wake::sleep_until(self.start + grid.due()).map_err(RtError::Wait)?;
+            return Ok(Some(grid.wake(since(self.start))));
+        }
+        let entry = |fd: RawFd, events| libc::pollfd { fd, events, revents: 0 };
         let extruder = if self.extruder_gone { -1 } else { self.extruder.descriptor() };
-        let mut lines = [entry(self.robot.as_raw_fd()), entry(self.host.fd()), entry(extruder)];
+        let robot = if self.robot.is_free() { libc::POLLIN } else { libc::POLLIN | libc::POLLOUT };
+        let mut lines =
+            [entry(self.robot.descriptor(), robot), entry(self.host.fd(), libc::POLLIN), entry(extruder, libc::POLLIN)];
         let until = self.core.deadline().map_or(100_000_000, |deadline| deadline.since(self.now()));
         let milliseconds = until.div_ceil(1_000_000).min(100) as libc::c_int;
         // SAFETY: the array outlives the call and its length is given.
@@ -343,12 +404,17 @@ impl Process {
                 return Err(RtError::Wait(error));
             }
         }
-        Ok(())
+        Ok(None)
     }
 
     fn now(&self) -> Nanos {
-        Nanos(u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX))
+        Nanos(since(self.start))
     }
+}
+
+/// Nanoseconds since a point of the monotonic clock, which cannot fail.
+fn since(start: u64) -> u64 {
+    wake::now().map_or(0, |now| now.saturating_sub(start))
 }
 
 fn is_wait(error: &io::Error) -> bool {

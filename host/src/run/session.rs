@@ -9,7 +9,7 @@ use crate::plan::route::Route;
 use crate::plan::stream::{Batches, Setpoint as Planned};
 use crate::plan::{Options as PlanOptions, Plan, PlanError};
 use crate::run::account::Account;
-use crate::run::job::{Job, JobError, Outcome, Phase};
+use crate::run::job::{Job, JobError, Outcome, Phase, Stamps};
 use crate::run::summary::Summary;
 use screed_kernel::frame::{CycleRecord, FaultReport, ModeCode};
 use screed_kernel::units::{JointPos, Nanos, Tick};
@@ -79,12 +79,12 @@ impl<'a> Session<'a> {
     /// [`SessionError`].
     pub fn handle_bytes(&mut self, bytes: &[u8]) -> Result<(), SessionError> {
         let Self { job, log, log_error, at, .. } = self;
-        job.handle_bytes(bytes, &mut |record, planned| {
+        job.handle_bytes(bytes, &mut |record, stamps, planned| {
             *at = planned.or(*at);
             if let Some(log) = log
                 && log_error.is_none()
             {
-                *log_error = log.push(&logged(record, at.as_ref())).err();
+                *log_error = log.push(&logged(record, stamps, at.as_ref())).err();
             }
         })?;
         self.log_error.take().map_or(Ok(()), |error| Err(error.into()))
@@ -192,6 +192,7 @@ impl Session<'_> {
             summary.planned = plan.last_seq();
         }
         summary.figures = self.job.account().figures.clone();
+        summary.figures.sensor_to_wire = self.job.account().sensor_to_wire();
         summary.hash = format!("{:016x}", self.job.account().hash());
         summary
     }
@@ -212,7 +213,7 @@ fn route_length(route: &Route) -> f64 {
 }
 
 /// A cycle as the log has it. While the robot is not ready nothing is commanded; the actual joints then stand in both places.
-fn logged(record: &CycleRecord, at: Option<&Planned>) -> LogRecord {
+fn logged(record: &CycleRecord, stamps: &Stamps, at: Option<&Planned>) -> LogRecord {
     let joints = |values: &[f64]| <[f64; 6]>::try_from(values).map(JointPos);
     let actual = joints(&record.actual).unwrap_or(JointPos::ZERO);
     let mut flags = 0;
@@ -226,8 +227,12 @@ fn logged(record: &CycleRecord, at: Option<&Planned>) -> LogRecord {
             flags |= Flags::DOUBLED.0;
         }
     }
+    if !stamps.realtime {
+        flags |= Flags::NON_RT.0;
+    }
     LogRecord {
         tick: Tick(record.tick),
+        readable: Nanos(stamps.pace.map_or(record.received_ns, |pace| pace.readable_ns)),
         received: Nanos(record.received_ns),
         ticked: Nanos(record.ticked_ns),
         sent: Nanos(record.sent_ns),
@@ -240,6 +245,8 @@ fn logged(record: &CycleRecord, at: Option<&Planned>) -> LogRecord {
         flow: record.flow,
         commanded: joints(&record.commanded).unwrap_or(actual),
         actual,
+        missed: record.missed,
+        overrun_level: stamps.pace.map_or(0, |pace| pace.level),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::config::Cell;
 use crate::run::account::{Figures, Led, Spread};
+use crate::run::memory::Memory;
 use crate::run::resend::LineFigures;
 use serde::Serialize;
 use std::fmt;
@@ -93,6 +94,18 @@ impl fmt::Display for Summary {
         }
         let stalls = format!("{} of {}, longest {:.1} ms", figures.stalls, figures.cycles, figures.stall_max_s * 1e3);
         row("cycles this machine began late", &stalls)?;
+        let missed = format!("{} / {}", figures.overruns, figures.slots_missed);
+        row("overruns / slots missed in them", &missed)?;
+        row("overrun counter at most", &figures.overrun_counter_max.to_string())?;
+        row("writes blocked / segments resent", &format!("{} / {}", figures.writes_blocked, figures.segments_resent))?;
+        if let Some(Memory { allocations, faults_minor, faults_major }) = figures.memory {
+            let taken = format!("{allocations} / {faults_minor} minor, {faults_major} major");
+            row("allocations / page faults after the start", &taken)?;
+        }
+        if let Some(wire) = &figures.sensor_to_wire {
+            let latency = format!("median {} µs, p99 {} µs, max {} µs", wire.median_us, wire.p99_us, wire.max_us);
+            row("sensor in to wire out", &latency)?;
+        }
         row("commanded path against the IFC curves", &spread(&figures.commanded_contour))?;
         let against = if figures.lead.is_some() { "path, led" } else { "commanded" };
         let lag = format!("actual against {against} (look-ahead {} s)", self.servoj_lookahead_s);

@@ -1,11 +1,13 @@
 //! A print in virtual time: host, kernel, link, robot and extruder in one thread, the same bytes through the same machines
 //! as in a timed print, as fast as they go.
 
-use crate::config::Cell;
+use crate::config::{Cell, Pacing};
 use crate::failure::{Exit, Failure};
 use crate::link::rtde::LinkError;
-use crate::run::core::{Core, CoreError};
+use crate::run::core::{Core, CoreError, Slot};
+use crate::run::grid::Grid;
 use crate::run::job::Outcome;
+use crate::run::memory::{self, Memory};
 use crate::run::print::{self, Print};
 use crate::run::session::{Session, SessionError, Step};
 use crate::run::signal;
@@ -37,7 +39,27 @@ pub enum VirtualError {
     Core(#[from] CoreError),
 }
 
+/// Where a stall of the real-time process begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stalled {
+    /// Before it reads what the robot sent.
+    BeforeReading,
+    /// Between its tick and the answer.
+    BeforeAnswering,
+}
+
+/// A stall under way.
+#[derive(Clone, Copy, Debug)]
+struct Stall {
+    stalled: Stalled,
+    /// Telegrams of the robot that still go by.
+    left: u32,
+    /// Whether the process does nothing already.
+    begun: bool,
+}
+
 /// The machines that take part, and what is between them.
+#[derive(Clone)]
 pub struct World {
     core: Core,
     controller: Controller,
@@ -45,6 +67,15 @@ pub struct World {
     extruder: Extruder,
     line: BadLine,
     now: Nanos,
+    /// The robot's cycle by this clock (ns).
+    cycle_ns: u64,
+    /// Where the timer paces.
+    grid: Option<Grid>,
+    stall: Option<Stall>,
+    /// What has come from the robot and is not read.
+    waiting: Vec<u8>,
+    /// What the process took from memory in its own calls, if that is looked at.
+    memory: Option<Memory>,
 }
 
 impl World {
@@ -61,7 +92,20 @@ impl World {
         let client = controller.connect();
         let mut core = Core::new(cell, false, "virtual time")?;
         core.on_host_attached();
-        Ok(Self { core, controller, client, extruder, line: BadLine::new(fault), now: Nanos(0) })
+        let period_ns = 1_000_000_000 / u64::from(cell.link.rate_hz);
+        Ok(Self {
+            core,
+            controller,
+            client,
+            extruder,
+            line: BadLine::new(fault),
+            now: Nanos(0),
+            cycle_ns: CYCLE_NS,
+            grid: (cell.realtime.pacing == Pacing::Timer).then(|| Grid::new(period_ns, 0)),
+            stall: None,
+            waiting: Vec::new(),
+            memory: None,
+        })
     }
 
     /// Seconds of virtual time.
@@ -79,15 +123,52 @@ impl World {
         &self.controller
     }
 
+    /// The robot's clock runs fast by so many millionths, or slow.
+    pub fn set_robot_clock(&mut self, ppm: i32) {
+        let cycle = CYCLE_NS as f64 / (1.0 + f64::from(ppm) * 1e-6);
+        self.cycle_ns = cycle.round() as u64;
+    }
+
+    /// The real-time process does nothing while so many telegrams of the robot go by, 1 at least.
+    pub const fn stall(&mut self, stalled: Stalled, telegrams: u32) {
+        let begun = matches!(stalled, Stalled::BeforeReading);
+        self.stall = Some(Stall { stalled, left: telegrams, begun });
+    }
+
+    /// Whether a stall is under way, or about to begin.
+    pub const fn is_stalled(&self) -> bool {
+        self.stall.is_some()
+    }
+
+    /// From now on counts what the process takes from memory in its own calls.
+    pub fn count_memory(&mut self) {
+        self.memory = Some(Memory::default());
+    }
+
+    /// What it has taken since, in a program that counts.
+    pub const fn memory(&self) -> Option<&Memory> {
+        self.memory.as_ref()
+    }
+
+    /// Takes something, once.
+    pub fn take_memory(&mut self) {
+        self.counted(|_| memory::take_some());
+    }
+
+    fn counted<T>(&mut self, work: impl FnOnce(&mut Self) -> T) -> T {
+        let Some(total) = self.memory else { return work(self) };
+        let before = Memory::now();
+        let result = work(self);
+        self.memory = Some(total.plus(&Memory::now().since(&before)));
+        result
+    }
+
     /// One cycle of the robot, with everything that follows from it.
     ///
     /// # Errors
     /// [`VirtualError`].
     pub fn step(&mut self, session: &mut Session<'_>) -> Result<Step, VirtualError> {
-        self.now = self.now.plus(CYCLE_NS);
-        self.controller.step();
-        let link = self.exchange_robot();
-        self.exchange_extruder();
+        let link = self.step_machines();
         // What the process has to say of a broken link reaches the host first: it has the words for it.
         let heard = session.handle_bytes(self.core.to_host());
         let count = self.core.to_host().len();
@@ -96,22 +177,108 @@ impl World {
         link?;
         let step = session.step(self.seconds())?;
         let out = session.poll_transmit()?;
-        let taken = self.core.on_host(out);
+        let taken = self.from_host(out);
         out.drain(..taken);
         Ok(step)
     }
 
+    /// One cycle of the robot with the process and the extruder, and no host.
+    ///
+    /// # Errors
+    /// [`LinkError`].
+    pub fn step_machines(&mut self) -> Result<(), LinkError> {
+        self.now = self.now.plus(self.cycle_ns);
+        self.controller.step();
+        let link = self.exchange_robot();
+        self.exchange_extruder();
+        link
+    }
+
+    /// Bytes of a host; gives how many were taken. A process that stalls takes none.
+    pub fn from_host(&mut self, bytes: &[u8]) -> usize {
+        if self.stall.is_some_and(|stall| stall.begun) {
+            return 0;
+        }
+        self.counted(|world| world.core.on_host(bytes))
+    }
+
+    /// What the process has for a host, which takes it with that.
+    pub fn to_host(&mut self) -> Vec<u8> {
+        let bytes = self.core.to_host().to_vec();
+        self.core.sent_to_host(bytes.len());
+        bytes
+    }
+
     fn exchange_robot(&mut self) -> Result<(), LinkError> {
+        let came = self.collect();
+        if let Some(stall) = &mut self.stall {
+            match (stall.stalled, stall.begun) {
+                (Stalled::BeforeReading, _) if !came || stall.left > 0 => {
+                    stall.left -= u32::from(came);
+                    return Ok(());
+                }
+                (Stalled::BeforeReading, _) => self.stall = None,
+                (Stalled::BeforeAnswering, false) if came => {
+                    stall.begun = true;
+                    return self.hear();
+                }
+                (Stalled::BeforeAnswering, false) => {}
+                (Stalled::BeforeAnswering, true) => {
+                    stall.left -= u32::from(came);
+                    if stall.left > 0 {
+                        return Ok(());
+                    }
+                    self.stall = None;
+                    self.reply();
+                }
+            }
+        }
+        self.hear()?;
+        self.core.on_time(self.now)?;
+        self.reply();
+        Ok(())
+    }
+
+    /// What the robot has sent by now lies ready for the process; whether something came.
+    fn collect(&mut self) -> bool {
+        let before = self.waiting.len();
         let mut bytes = [0; 2048];
         loop {
             let count = self.controller.poll_transmit(self.client, &mut bytes);
             if count == 0 {
-                break;
+                return self.waiting.len() > before;
             }
-            let received = self.line.pass(bytes.get(..count).unwrap_or(&[]));
-            self.core.on_robot(self.now, received)?;
+            self.waiting.extend_from_slice(self.line.pass(bytes.get(..count).unwrap_or(&[])));
         }
-        self.core.on_time(self.now)?;
+    }
+
+    /// The process reads and ticks.
+    fn hear(&mut self) -> Result<(), LinkError> {
+        self.counted(Self::read_and_tick)
+    }
+
+    fn read_and_tick(&mut self) -> Result<(), LinkError> {
+        let heard = if self.waiting.is_empty() { Ok(()) } else { self.core.on_robot(self.now, &self.waiting) };
+        let slot = match &mut self.grid {
+            // As after a poll that found nothing to read.
+            None => (!self.waiting.is_empty()).then_some((self.now, 0)),
+            Some(grid) if grid.due() <= self.now.0 => {
+                let slot = grid.wake(self.now.0);
+                Some((Nanos(slot.due), u32::try_from(slot.missed).unwrap_or(u32::MAX)))
+            }
+            Some(_) => None,
+        };
+        self.waiting.clear();
+        heard?;
+        match slot {
+            Some((began, missed)) => self.core.answer(self.now, Slot { began, missed, line_free: true }),
+            None => Ok(()),
+        }
+    }
+
+    /// The process' answer reaches the robot.
+    fn reply(&mut self) {
+        let mut bytes = [0; 2048];
         loop {
             let count = self.core.to_robot(self.now, &mut bytes);
             if count == 0 {
@@ -119,17 +286,21 @@ impl World {
             }
             self.controller.handle_bytes(self.client, bytes.get(..count).unwrap_or(&[]));
         }
-        self.core.finish_cycle(self.now, self.now);
-        Ok(())
+        self.counted(|world| world.core.finish_cycle(world.now, world.now));
     }
 
     fn exchange_extruder(&mut self) {
         let mut bytes = [0; 512];
-        let count = self.core.to_extruder(self.now, &mut bytes);
-        self.extruder.handle_bytes(bytes.get(..count).unwrap_or(&[]));
+        let runs = self.stall.is_none_or(|stall| !stall.begun);
+        if runs {
+            let count = self.core.to_extruder(self.now, &mut bytes);
+            self.extruder.handle_bytes(bytes.get(..count).unwrap_or(&[]));
+        }
         self.extruder.step(CYCLE_NS as f64 * 1e-9);
-        let count = self.extruder.poll_transmit(&mut bytes);
-        self.core.on_extruder(self.now, bytes.get(..count).unwrap_or(&[]));
+        if runs {
+            let count = self.extruder.poll_transmit(&mut bytes);
+            self.core.on_extruder(self.now, bytes.get(..count).unwrap_or(&[]));
+        }
     }
 }
 
@@ -170,6 +341,8 @@ pub fn print(print: &Print<'_>, surroundings: Virtual) -> Result<Summary, Failur
     record.as_mut().map_or(Ok(()), Record::finish)?;
     let mut summary = session.summary(print.source.0, result?);
     (summary.scheduling, summary.scheduling_note) = ("virtual time", String::new());
+    // Nothing takes any time there.
+    (summary.figures.sensor_to_wire, summary.figures.memory) = (None, None);
     summary.log = print.log.as_ref().map(|path| path.display().to_string());
     Ok(summary)
 }

@@ -1,6 +1,7 @@
 //! A loop that the timer paces: how late it wakes, alone and beside cyclictest.
 
 use crate::latency::Histogram;
+use crate::run::grid::Grid;
 use std::io::{self, Error};
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -26,15 +27,13 @@ pub fn ours(pace: &Pace) -> io::Result<(Histogram, u64)> {
     let mut histogram = Histogram::new(BINS);
     let mut missed = 0;
     let period = pace.period.as_nanos() as u64;
-    let mut due = now()? + period;
-    let end = due + pace.length.as_nanos() as u64;
-    while due < end {
-        sleep_until(due)?;
-        let late = now()?.saturating_sub(due);
-        histogram.add(u32::try_from(late / 1000).unwrap_or(u32::MAX));
-        let passed = late / period;
-        missed += passed;
-        due += period * (1 + passed);
+    let mut grid = Grid::new(period, now()?);
+    let end = grid.due() + pace.length.as_nanos() as u64;
+    while grid.due() < end {
+        sleep_until(grid.due())?;
+        let slot = grid.wake(now()?);
+        histogram.add(u32::try_from(slot.late / 1000).unwrap_or(u32::MAX));
+        missed += slot.missed;
     }
     Ok((histogram, missed))
 }
@@ -75,7 +74,10 @@ fn histogram_of(said: &str) -> Option<Histogram> {
 }
 
 /// Nanoseconds of the monotonic clock.
-fn now() -> io::Result<u64> {
+///
+/// # Errors
+/// The system's.
+pub fn now() -> io::Result<u64> {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
     // SAFETY: the structure outlives the call.
     if unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut time) } != 0 {
@@ -85,7 +87,10 @@ fn now() -> io::Result<u64> {
 }
 
 /// Sleeps to a point of time, not for a while: what is late does not add up.
-fn sleep_until(at: u64) -> io::Result<()> {
+///
+/// # Errors
+/// The system's.
+pub fn sleep_until(at: u64) -> io::Result<()> {
     let time = libc::timespec { tv_sec: (at / 1_000_000_000) as _, tv_nsec: (at % 1_000_000_000) as _ };
     loop {
         // SAFETY: the structure outlives the call; nothing is written.

@@ -42,6 +42,7 @@ pub fn fault(fault: &Fault) -> String {
             format!(" (joint {}: {value:.4} rad behind, {limit:.4} allowed)", joint + 1)
         }
         Fault::Tracker { value, limit } => format!(" ({value:.2} s waited, {limit:.2} s allowed)"),
+        Fault::Overrun { missed, limit } => format!(" (counter at {limit}, {missed} slots missed)"),
         Fault::RobotNotReady | Fault::Extruder => String::new(),
     };
     format!("{}: {}{figures}", fault.code(), fault.cause())

@@ -127,7 +127,7 @@ pub struct CycleRecord {
     pub runtime_state: RuntimeState,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Watchdog {
     request: WatchdogRequest,
     /// Last cycle with an update, or the cycle in which it was set.
@@ -135,7 +135,7 @@ struct Watchdog {
 }
 
 /// The controller.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Controller {
     arm: Arm<6>,
     options: Options,

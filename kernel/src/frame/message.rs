@@ -187,6 +187,8 @@ pub enum FromKernel {
         /// Joints of the path (rad or m).
         joints: JointValues,
     },
+    /// How the process has kept pace, before the [`CycleRecord`] of the same tick. Since version 1.1.
+    Pace(Pace),
 }
 
 /// Why a message was not obeyed.
@@ -397,4 +399,31 @@ pub struct CycleRecord {
     pub commanded: JointValues,
     /// Joints as the robot says they are (rad or m).
     pub actual: JointValues,
+}
+
+/// How the process around the kernel has kept pace since it started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pace {
+    /// Tick.
+    pub tick: u64,
+    /// The robot's telegram lay ready to be read, or the timer's slot began (ns, the clock of [`CycleRecord`]).
+    pub readable_ns: u64,
+    /// Overruns: runs of missed slots. However long a stall is, it is one.
+    pub overruns: u64,
+    /// Slots missed in them: cycles of the robot, or of the timer, that went by without an answer of their own.
+    pub slots_missed: u64,
+    /// The leaky counter: one more for an overrun, one less for a good cycle.
+    pub level: u32,
+    /// The most it has been.
+    pub level_max: u32,
+    /// Writes to the robot that its line did not take whole at once.
+    pub writes_blocked: u64,
+    /// Segments that TCP sent to the robot again.
+    pub segments_resent: u64,
+    /// Memory allocations of the process since its loop began.
+    pub allocations: u64,
+    /// Page faults since then that needed no disk.
+    pub faults_minor: u64,
+    /// Page faults since then that did.
+    pub faults_major: u64,
 }

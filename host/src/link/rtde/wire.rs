@@ -287,7 +287,7 @@ pub struct Header {
 
 /// Cuts a byte stream into packages. Its memory is allocated once; who owns it judges every header before the package
 /// is complete, so that a broken size is noticed at once and not waited for.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Deframer {
     buffer: Box<[u8]>,
     len: usize,

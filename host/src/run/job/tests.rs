@@ -10,7 +10,7 @@ fn alarms(job: &mut Job, messages: &[FromKernel]) -> Vec<String> {
         let used = frame::encode(message, &mut out).unwrap_or_else(|error| panic!("{error:?}"));
         bytes.extend(&out[..used]);
     }
-    job.handle_bytes(&bytes, &mut |_, _| {}).unwrap_or_else(|error| panic!("{error}"));
+    job.handle_bytes(&bytes, &mut |_, _, _| {}).unwrap_or_else(|error| panic!("{error}"));
     job.take_alarms()
 }
 
@@ -67,6 +67,6 @@ fn a_fault_of_the_loop_is_told_with_what_to_do_and_messages_of_a_later_version_a
     // Message 9 does not exist: its number is the second byte of the plain frame, and its CRC is right.
     let mut out = [0; 64];
     let used = frame::encode(&(9_u8, 1_u8), &mut out).unwrap_or_else(|error| panic!("{error:?}"));
-    assert!(job.handle_bytes(&out[..used], &mut |_, _| {}).is_ok());
+    assert!(job.handle_bytes(&out[..used], &mut |_, _, _| {}).is_ok());
     assert_eq!(job.unknown(), 1);
 }

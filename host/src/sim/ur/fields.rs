@@ -29,7 +29,7 @@ const NAMED_INPUTS: [(&str, FieldType); 13] = [
 type Raw = [u8; 48];
 
 /// Every input by name, with the last value received. A place in this table stands for the input.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct InputValues {
     places: HashMap<String, (usize, FieldType)>,
     raw: Vec<Raw>,

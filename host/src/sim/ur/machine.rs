@@ -58,7 +58,7 @@ enum Value {
 }
 
 /// A program in progress.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Machine {
     script: Script,
     globals: BTreeMap<String, Value>,
@@ -69,7 +69,7 @@ pub(super) struct Machine {
     threads_started: usize,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Thread {
     id: usize,
     /// None: the main code.

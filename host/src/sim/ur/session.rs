@@ -24,7 +24,7 @@ const SOFTWARE_VERSION: [u32; 4] = [5, 11, 6, 1];
 pub struct ClientId(pub(super) u64);
 
 /// What all connections share.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Exchange {
     pub inputs: InputValues,
     /// Who writes an input.
@@ -37,7 +37,7 @@ pub(super) struct Exchange {
     pub rate: u32,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct OutputRecipe {
     id: u8,
     fields: Vec<(FieldType, Source)>,
@@ -45,14 +45,14 @@ struct OutputRecipe {
     divisor: u64,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct InputRecipe {
     id: u8,
     fields: Vec<(usize, FieldType)>,
 }
 
 /// The state of one connection.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Session {
     id: ClientId,
     protocol: u16,
