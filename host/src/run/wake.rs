@@ -75,7 +75,10 @@ fn histogram_of(said: &str) -> Option<Histogram> {
 }
 
 /// Nanoseconds of the monotonic clock.
-fn now() -> io::Result<u64> {
+///
+/// # Errors
+/// The system's.
+pub fn now() -> io::Result<u64> {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
     // SAFETY: the structure outlives the call.
     if unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut time) } != 0 {
@@ -85,7 +88,10 @@ fn now() -> io::Result<u64> {
 }
 
 /// Sleeps to a point of time, not for a while: what is late does not add up.
-fn sleep_until(at: u64) -> io::Result<()> {
+///
+/// # Errors
+/// The system's.
+pub fn sleep_until(at: u64) -> io::Result<()> {
     let time = libc::timespec { tv_sec: (at / 1_000_000_000) as _, tv_nsec: (at % 1_000_000_000) as _ };
     loop {
         // SAFETY: the structure outlives the call; nothing is written.
