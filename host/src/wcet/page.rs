@@ -33,7 +33,7 @@ pub fn html(report: &Report) -> String {
     ];
     body += "<nav>";
     for (number, title, _) in &titles_and_texts {
-        body += &format!("<a href=\"#s{number}\">{number} {title}</a>");
+        body += &format!("<a href=\"#s{number}\">{number} {title}</a> ");
     }
     body += "</nav>\n";
     for (number, title, text) in titles_and_texts {

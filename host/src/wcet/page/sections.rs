@@ -42,10 +42,10 @@ pub(super) fn head(report: &Report) -> String {
     let figures = [
         (
             grouped(first(Class::Rates).max(first(Class::Pose))),
-            "instructions, worst tick without replay, UR10e, x86-64",
+            "instructions, worst tick without replay or burst, UR10e, x86-64",
         ),
         (grouped(first(Class::Replay)), "instructions, worst tick with replay"),
-        (grouped(m7), "instructions, worst tick without replay, Cortex-M7"),
+        (grouped(m7), "instructions, worst tick without replay or burst, Cortex-M7"),
         (ns(largest(Condition::ColdBranches)), "largest tick seen, caches cold, branches thrashed"),
         (if refused { "REFUSED".to_owned() } else { "fitted".to_owned() }, "extreme value law"),
     ];
