@@ -14,6 +14,7 @@ mod robot;
 mod sim;
 mod soak;
 mod tape;
+mod wcet;
 
 use crate::failure::{Exit, Failure};
 use crate::model::fim::{self, FimModel};
@@ -21,7 +22,7 @@ use crate::run::children::VERSION;
 use crate::run::rt::{self, RtArgs};
 use args::{
     BenchCommand, CalibrateCommand, CheckArgs, DemoArgs, DoctorArgs, LatencyArgs, LogArgs, PlanArgs, PrintArgs,
-    RobotCommand, SimCommand,
+    RobotCommand, SimCommand, WcetArgs,
 };
 use clap::{Parser, Subcommand};
 use std::io::{ErrorKind, Write};
@@ -53,6 +54,8 @@ enum Command {
     Doctor(DoctorArgs),
     /// Measure how late a loop wakes on this machine, alone or beside cyclictest
     Latency(LatencyArgs),
+    /// Report how long a cycle can take: instructions, times, stack, and what their worst is
+    Wcet(WcetArgs),
     /// Find frames, tools and an arm's geometry from measurements
     #[command(subcommand)]
     Calibrate(CalibrateCommand),
@@ -97,6 +100,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Check(args) => check::run(args),
         Command::Doctor(args) => doctor::run(args),
         Command::Latency(args) => latency::run(args),
+        Command::Wcet(args) => wcet::run(args),
         Command::Calibrate(command) => calibrate::run(command),
         Command::Log(args) => log::run(args),
         Command::Robot(command) => robot::run(command),

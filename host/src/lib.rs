@@ -15,3 +15,4 @@ pub mod robot;
 pub mod run;
 pub mod sim;
 mod svg;
+pub mod wcet;

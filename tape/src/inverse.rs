@@ -15,7 +15,7 @@ use screed_kernel::units::JointPos;
 const FAR: f64 = 4.0;
 
 /// A UR10e whose axes 2 and 3 are `tilt` (rad, small) out of parallel and a long way along them to and fro.
-fn tilted(tilt: f64) -> Arm<6> {
+pub(crate) fn tilted(tilt: f64) -> Arm<6> {
     let (sine, cosine) = libm::sincos(tilt);
     let [first, second, third, others @ ..] = UR10E.dh;
     let second = Dh { sin_alpha: sine, cos_alpha: cosine, d: 4.0, ..second };
@@ -26,7 +26,7 @@ fn tilted(tilt: f64) -> Arm<6> {
 
 /// The arm with axis 6 `offset` (m) beside axis 5 and turned by as many rad: a unit's wrist while that is small, no wrist at all
 /// when it is not.
-fn displaced(arm: &Arm<6>, offset: f64) -> Arm<6> {
+pub(crate) fn displaced(arm: &Arm<6>, offset: f64) -> Arm<6> {
     let (sine, cosine) = libm::sincos(offset);
     let [first, second, third, fourth, fifth, sixth] = arm.dh;
     let (sin_alpha, cos_alpha) =

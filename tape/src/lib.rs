@@ -19,6 +19,7 @@ pub mod random;
 mod registration;
 mod robot;
 pub mod seen;
+pub mod vectors;
 
 use base::Shifting;
 use cell::{ARM, TapeKernel};

@@ -326,6 +326,26 @@ pub fn root_control(a: u32, b: u32) -> u32 {
     a + b
 }
 
+/// Control: a function that calls itself.
+#[cfg(feature = "control-recursion")]
+#[unsafe(no_mangle)]
+#[allow(unconditional_recursion)]
+pub fn root_control(values: &mut [u32; 4], n: u32) -> u32 {
+    if n == 0 {
+        return 0;
+    }
+    let [first, ..] = values;
+    *first = first.wrapping_add(n);
+    root_control(core::hint::black_box(values), n - 1).wrapping_mul(n)
+}
+
+/// Control: a call through a pointer.
+#[cfg(feature = "control-pointer")]
+#[unsafe(no_mangle)]
+pub fn root_control(call: fn(u32) -> u32, n: u32) -> u32 {
+    call(n).wrapping_add(1)
+}
+
 /// Control: memory from a heap; without an allocator in any of the crates this does not even compile.
 #[cfg(feature = "control-alloc")]
 #[unsafe(no_mangle)]

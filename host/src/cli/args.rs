@@ -1,6 +1,7 @@
 //! The arguments of every command, as clap reads them. What needs the cell to be judged has a `checked` of its own.
 
 mod realtime;
+mod wcet;
 
 use crate::config::Cell;
 use crate::failure::{Exit, Failure};
@@ -10,6 +11,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 pub use realtime::{DoctorArgs, LatencyArgs, Yardstick};
+pub use wcet::WcetArgs;
 
 /// `screed demo`
 #[derive(Clone, Debug, PartialEq, clap::Args)]
