@@ -5,7 +5,7 @@ use super::WcetError;
 use crate::config::Cell;
 use crate::model::fim::{self, FimModel};
 use crate::plan::Options as PlanOptions;
-use crate::run::core::Core;
+use crate::run::core::{Core, Slot};
 use crate::run::demo::program;
 use crate::run::session::{Session, Step, Wishes};
 use crate::sim::extruder::{Extruder, TIME_CONSTANT};
@@ -59,7 +59,7 @@ pub struct Exchange {
 
 /// In a frame of its own, that a profiler finds by name.
 pub mod measured {
-    use super::{Core, Exchange, Nanos};
+    use super::{Core, Exchange, Nanos, Slot};
     use crate::link::rtde::LinkError;
 
     /// One cycle, between the bytes that came and those that go. Returns how many of the host's were taken.
@@ -70,6 +70,7 @@ pub mod measured {
     pub fn cycle(core: &mut Core, now: Nanos, exchange: &mut Exchange) -> Result<usize, LinkError> {
         let Exchange { robot_in, host_in, extruder_in, robot_out, extruder_out } = exchange;
         core.on_robot(now, robot_in.get())?;
+        core.answer(now, Slot { began: now, missed: 0, line_free: true })?;
         core.on_time(now)?;
         robot_out.len = core.to_robot(now, &mut robot_out.bytes);
         core.finish_cycle(now, now);
