@@ -44,35 +44,45 @@ impl Covariance {
             }
         }
         let mut covariance = Self { rows };
-        covariance.mirror();
+        covariance.mirror::<4>();
         covariance
     }
 
     /// P ← F·P·Fᵀ + Q over `dt` s. Place and rate: F = \[I, a·I; 0, φ·I\] with φ = exp(−dt/τ) and a = τ·(1 − φ). Swing and rate:
     /// `turns`; as a swing that has always been there stays as large as it is, Q = Σ − F·Σ·Fᵀ, Σ being [`Swing::variances`].
-    pub(super) fn step(&mut self, dt: f64, drift: &Drift, swing: &Swing, turns: &Turns) {
+    ///
+    /// Of the state's parts only the first are looked at: 4, or 2 where nothing swings.
+    pub(super) fn step<const PARTS: usize>(&mut self, dt: f64, drift: &Drift, swing: &Swing, turns: &Turns) {
         let lost = -libm::expm1(-dt / drift.time);
         let (a, kept) = (drift.time * lost, 1.0 - lost);
         let variances = swing.variances();
         let [[aa, ab], [ba, bb]] = turns;
         let [places, rates, swings, swing_rates] = &mut self.rows;
         for i in 0..6 {
-            swings[i][2][i] -= variances[0][i];
-            swing_rates[i][3][i] -= variances[1][i];
             let (place, rate) = (places[i].as_flattened_mut(), rates[i].as_flattened_mut());
-            for (place, rate) in place.iter_mut().zip(rate) {
+            for (place, rate) in place.iter_mut().zip(rate).take(6 * PARTS) {
                 *place += a * *rate;
                 *rate *= kept;
             }
+            if PARTS < 4 {
+                continue;
+            }
+            swings[i][2][i] -= variances[0][i];
+            swing_rates[i][3][i] -= variances[1][i];
             let (swing, rate) = (swings[i].as_flattened_mut(), swing_rates[i].as_flattened_mut());
             for (swing, rate) in swing.iter_mut().zip(rate) {
                 (*swing, *rate) = (aa[i] * *swing + ab[i] * *rate, ba[i] * *swing + bb[i] * *rate);
             }
         }
-        for [place, rate, swing, swing_rate] in self.rows.as_flattened_mut() {
+        for [place, rate, swing, swing_rate] in self.rows.as_flattened_mut().iter_mut().take(6 * PARTS) {
             for k in 0..6 {
                 place[k] += a * rate[k];
                 rate[k] *= kept;
+            }
+            if PARTS < 4 {
+                continue;
+            }
+            for k in 0..6 {
                 (swing[k], swing_rate[k]) =
                     (aa[k] * swing[k] + ab[k] * swing_rate[k], ba[k] * swing[k] + bb[k] * swing_rate[k]);
             }
@@ -93,18 +103,19 @@ impl Covariance {
             swings[k][2][k] += variances[0][k];
             swing_rates[k][3][k] += variances[1][k];
         }
-        self.mirror();
+        self.mirror::<PARTS>();
     }
 
     /// H·P, H seeing place and swing by these levers.
-    pub(super) fn seen(&self, levers: &[[[f64; 3]; 3]; 2]) -> [Row; 6] {
+    pub(super) fn seen<const PARTS: usize>(&self, levers: &[[[f64; 3]; 3]; 2]) -> [[[f64; 6]; PARTS]; 6] {
         let [places, _, swings, _] = &self.rows;
-        let mut rows = *places;
-        for (row, swing) in rows.iter_mut().zip(swings) {
-            add(row.as_flattened_mut(), swing.as_flattened(), 1.0);
-        }
-        for (rotations, lever) in [places, swings].into_iter().zip(levers) {
-            let [_, _, _, about @ ..] = rotations;
+        let seen = if PARTS < 4 { 1 } else { 2 };
+        let mut rows = [[[0.0; 6]; PARTS]; 6];
+        for (part, lever) in [places, swings].into_iter().zip(levers).take(seen) {
+            for (row, from) in rows.iter_mut().zip(part) {
+                add(row.as_flattened_mut(), from.as_flattened(), 1.0);
+            }
+            let [_, _, _, about @ ..] = part;
             for (row, factors) in rows.iter_mut().zip(lever) {
                 for (rotation, factor) in about.iter().zip(factors) {
                     add(row.as_flattened_mut(), rotation.as_flattened(), *factor);
@@ -115,10 +126,9 @@ impl Covariance {
     }
 
     /// P ← P − WᵀD⁻¹W, given 1/D.
-    pub(super) fn reduce(&mut self, w: &[Row; 6], weights: &[f64; 6]) {
-        for part in 0..4 {
-            for i in 0..6 {
-                let row = &mut self.rows[part][i];
+    pub(super) fn reduce<const PARTS: usize>(&mut self, w: &[[[f64; 6]; PARTS]; 6], weights: &[f64; 6]) {
+        for (part, rows) in self.rows.iter_mut().enumerate().take(PARTS) {
+            for (i, row) in rows.iter_mut().enumerate() {
                 for (w, weight) in w.iter().zip(weights) {
                     let factor = weight * w[part][i];
                     for (piece, w) in row.iter_mut().zip(w).skip(part) {
@@ -127,12 +137,12 @@ impl Covariance {
                 }
             }
         }
-        self.mirror();
+        self.mirror::<PARTS>();
     }
 
     /// What is above the diagonal, below it as well.
-    fn mirror(&mut self) {
-        for part in 0..4 {
+    fn mirror<const PARTS: usize>(&mut self) {
+        for part in 0..PARTS {
             for i in 0..6 {
                 for j in 0..i {
                     self.rows[part][i][part][j] = self.rows[part][j][part][i];
@@ -176,7 +186,7 @@ mod tests {
         let SwingMode { frequency, damping, deviation } = SWING.modes[0];
         for dt in [1e-5, 1e-3, 0.008, 0.039, 0.041, 0.3, 2.0, 10.0] {
             let mut covariance = Covariance { rows: [[[[0.0; 6]; 4]; 6]; 4] };
-            covariance.step(dt, &drift, &SWING, &SWING.turns(dt));
+            covariance.step::<4>(dt, &drift, &SWING, &SWING.turns(dt));
             let (mut sums, mut swung, count) = ([0.0; 3], [0.0; 3], 40_000);
             for k in 0..=count {
                 let s = dt * f64::from(k) / f64::from(count);
@@ -213,9 +223,9 @@ mod tests {
     fn two_steps_are_one_of_their_length() {
         let drift = Drift { speed: 3e-3, turn_rate: 1e-4, time: 2.0 };
         let (mut once, mut twice) = (any(), any());
-        once.step(0.5, &drift, &SWING, &SWING.turns(0.5));
+        once.step::<4>(0.5, &drift, &SWING, &SWING.turns(0.5));
         for dt in [0.007, 0.493] {
-            twice.step(dt, &drift, &SWING, &SWING.turns(dt));
+            twice.step::<4>(dt, &drift, &SWING, &SWING.turns(dt));
         }
         let flat = |covariance: &Covariance| covariance.rows.as_flattened().as_flattened().as_flattened().to_vec();
         for (a, b) in flat(&once).iter().zip(flat(&twice)) {

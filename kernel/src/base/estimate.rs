@@ -260,8 +260,13 @@ impl Estimate {
     /// swing's centre plus a lever c, so that H = \[I, −\[r\]×, 0, 0, I, −\[r + c\]×, 0, 0; 0, I, 0, 0, 0, I, 0, 0\]: what a swing
     /// turns of the place's own displacement is of second order and left out.
     pub(super) fn with(&self, seen: &Seen, config: &BaseConfig) -> Result<(Self, Verdict), EkfError> {
+        if config.swing.swings() { self.with_parts::<4>(seen, config) } else { self.with_parts::<2>(seen, config) }
+    }
+
+    /// Of the state's parts only so many are looked at.
+    fn with_parts<const PARTS: usize>(&self, seen: &Seen, config: &BaseConfig) -> Result<(Self, Verdict), EkfError> {
         let (mut next, turns) = self.moved(seen.at, config);
-        next.covariance.step(seconds(self.at, seen.at), &config.drift, &config.swing, &turns);
+        next.covariance.step::<PARTS>(seconds(self.at, seen.at), &config.drift, &config.swing, &turns);
         let beside = config.swing.lever(&config.pivot);
         let displacement = next.place.with_swing(&next.swing, &beside);
         let turn = Pose::from_rotation_vector(Vector3::zeros(), displacement.rotation).rotation;
@@ -272,12 +277,12 @@ impl Estimate {
         let rotation = miss.rotation_vector();
         let mut y = [place.x, place.y, place.z, rotation.x, rotation.y, rotation.z];
         let levers = [crossing(&lever), crossing(&(lever + beside))];
-        let mut rows = next.covariance.seen(&levers);
+        let mut rows = next.covariance.seen::<PARTS>(&levers);
         let mut s: Block<6> = [[0.0; 6]; 6];
-        for (s, [place, _, swing, _]) in s.iter_mut().zip(&rows) {
-            let [place, swing] = [(place, &levers[0]), (swing, &levers[1])].map(|(row, lever)| seen_by(row, lever));
-            for (s, (place, swing)) in s.iter_mut().zip(place.iter().zip(swing)) {
-                *s = place + swing;
+        for (s, row) in s.iter_mut().zip(&rows) {
+            // Place and swing; what lies between are rates, which are not seen.
+            for (part, lever) in row.iter().step_by(2).zip(&levers) {
+                add(s, &seen_by(part, lever), 1.0);
             }
         }
         let [bend_place, bend_turn] = bend(&s);

@@ -76,6 +76,11 @@ impl Swing {
         Ok(())
     }
 
+    /// Whether it swings at all.
+    pub(super) fn swings(&self) -> bool {
+        self.modes.iter().any(|mode| mode.deviation > 0.0)
+    }
+
     pub(super) fn turns(&self, dt: f64) -> Turns {
         let mut turns = [[[0.0; 6]; 2]; 2];
         let [[aa, ab], [ba, bb]] = &mut turns;
