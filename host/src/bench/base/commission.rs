@@ -34,7 +34,7 @@ const FREQUENCIES: std::ops::Range<f64> = 6.0..53.0;
 const STEP: f64 = 0.25;
 const DAMPINGS: [f64; 5] = [0.02, 0.035, 0.05, 0.07, 0.1];
 
-/// Finds both: of [`DEVIATIONS`] the first with which every loop keeps its margins, or the last.
+/// Finds both: of a row of deviations, from fast to slow, the first with which every loop keeps its margins, or the last.
 ///
 /// # Errors
 /// [`CellError`]
