@@ -16,13 +16,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 fn controller(cell: &Cell) -> (Controller, ClientId) {
-    let options = Options {
-        start_q: cell.robot.start,
-        flange_from_tcp: cell.tool.flange_from_tcp,
-        register_offset: cell.link.register_offset,
-        program: program(cell).unwrap(),
-        autoplay: true,
-    };
+    let options = Options::of(cell, program(cell).unwrap());
     let mut controller = Controller::new(&cell.robot.arm, options).unwrap();
     let client = controller.connect();
     (controller, client)

@@ -22,13 +22,7 @@ fn model() -> FimModel {
 }
 
 fn world(cell: &Cell) -> World {
-    let options = Options {
-        start_q: cell.robot.start,
-        flange_from_tcp: cell.tool.flange_from_tcp,
-        register_offset: cell.link.register_offset,
-        program: program(cell).unwrap(),
-        autoplay: true,
-    };
+    let options = Options::of(cell, program(cell).unwrap());
     let controller = Controller::new(&cell.robot.arm, options).unwrap();
     let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT).unwrap();
     World::new(cell, controller, extruder, None).unwrap()

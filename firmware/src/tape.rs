@@ -5,13 +5,14 @@
 #![no_std]
 #![no_main]
 
-use core::panic::PanicInfo;
-use cortex_m::asm::wfi;
+mod ending;
+
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{Peripherals, SYST};
 use cortex_m_rt::entry;
-use cortex_m_semihosting::debug::{self, EXIT_FAILURE, EXIT_SUCCESS, ExitStatus};
+use cortex_m_semihosting::debug::EXIT_SUCCESS;
 use cortex_m_semihosting::hprintln;
+use ending::{end, fail};
 use screed_tape::{EXPECTED, SEED, TICKS, Tape, cell};
 
 /// SysTick counts down from here and wraps; no tick may take as long.
@@ -71,23 +72,4 @@ fn start_counter(counter: &mut SYST) {
     counter.set_reload(RELOAD);
     counter.clear_current();
     counter.enable_counter();
-}
-
-fn fail(why: &str) -> ! {
-    hprintln!("failed: {}", why);
-    end(EXIT_FAILURE)
-}
-
-/// The emulator ends here; anything else sleeps.
-fn end(status: ExitStatus) -> ! {
-    debug::exit(status);
-    loop {
-        wfi();
-    }
-}
-
-#[panic_handler]
-fn panic(info: &PanicInfo) -> ! {
-    hprintln!("{}", info);
-    fail("panic")
 }

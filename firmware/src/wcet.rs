@@ -7,11 +7,12 @@
 #![no_std]
 #![no_main]
 
-use core::panic::PanicInfo;
-use cortex_m::asm::wfi;
+mod ending;
+
 use cortex_m_rt::entry;
-use cortex_m_semihosting::debug::{self, EXIT_FAILURE, EXIT_SUCCESS, ExitStatus};
+use cortex_m_semihosting::debug::EXIT_SUCCESS;
 use cortex_m_semihosting::hprintln;
+use ending::end;
 use screed_tape::vectors::{ARMS, COURSES, Call, Class, Course, Edge, RANDOM_COURSES};
 
 /// The first timer of the board (CMSDK APB timer): control, value that counts down, value to begin again with.
@@ -124,23 +125,4 @@ fn unpainted(bottom: usize) -> usize {
         at += 4;
     }
     top - at
-}
-
-fn fail(why: &str) -> ! {
-    hprintln!("failed: {}", why);
-    end(EXIT_FAILURE)
-}
-
-/// The emulator ends here; anything else sleeps.
-fn end(status: ExitStatus) -> ! {
-    debug::exit(status);
-    loop {
-        wfi();
-    }
-}
-
-#[panic_handler]
-fn panic(info: &PanicInfo) -> ! {
-    hprintln!("{}", info);
-    fail("panic")
 }

@@ -197,7 +197,7 @@ impl From<ControlError> for Fault {
             ControlError::Saturated { bound, value, limit } => Self::Saturated { bound, value, limit },
             ControlError::Unreachable(error) => error.into(),
             ControlError::Behind { joint, value, limit } => Self::Lead { joint, value, limit },
-            // Of a controller that has been made, only numbers that are none, and a tick a second late.
+            // Of a controller that has been made, only numbers that are none.
             ControlError::Pid(_) | ControlError::Configuration => {
                 Self::Correction { quantity: Quantity::Finite, joint: 0, value: 0.0, limit: 0.0 }
             }

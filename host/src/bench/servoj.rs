@@ -134,13 +134,7 @@ pub fn run(case: &Case) -> Result<Score, ServojError> {
         let servo = [cell.link.servoj_lookahead, cell.link.servoj_gain];
         cell.lead = Some(Lead::of(LIMITS, DEAD_TIME, servo));
     }
-    let options = Options {
-        start_q: cell.robot.start,
-        flange_from_tcp: cell.tool.flange_from_tcp,
-        register_offset: cell.link.register_offset,
-        program,
-        autoplay: true,
-    };
+    let options = Options::of(&cell, program);
     let recorded = print(&cell, &model, &options, LAYERS)?;
     let contours = || model.layers.iter().map(|layer| Contour::new(&layer.segments)).collect::<Vec<_>>();
     let mut found = score(case, &cell, contours(), &recorded);

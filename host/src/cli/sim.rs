@@ -23,13 +23,7 @@ pub fn ur(args: &SimUrArgs) -> Result<(), Failure> {
         None => demo::program(&cell)?,
     };
     let start_q = args.start_deg.map_or(cell.robot.start, |StartDeg(joints)| JointPos(joints.map(f64::to_radians)));
-    let controller = Options {
-        start_q,
-        flange_from_tcp: cell.tool.flange_from_tcp,
-        register_offset: cell.link.register_offset,
-        program,
-        autoplay: true,
-    };
+    let controller = Options { start_q, ..Options::of(&cell, program) };
     signal::catch_stop()?;
     ur_server::serve(&ur_server::ServeOptions {
         arm: arm(args.model.as_deref(), &cell)?,

@@ -29,13 +29,7 @@ pub fn soak(ticks: u64, takes: bool) -> Result<Memory, Failure> {
     let text = quarter_circle(&QuarterCircle { layers: published.layers.max(layers), ..published });
     let model = fim::parse("soak", text.as_bytes()).map_err(|error| error.into_failure("soak", text.as_bytes()))?;
     let cell = Cell::demo(RATE_HZ)?;
-    let options = Options {
-        start_q: cell.robot.start,
-        flange_from_tcp: cell.tool.flange_from_tcp,
-        register_offset: cell.link.register_offset,
-        program: demo::program(&cell)?,
-        autoplay: true,
-    };
+    let options = Options::of(&cell, demo::program(&cell)?);
     let controller =
         Controller::new(&cell.robot.arm, options).map_err(|error| Failure::told(Exit::Input, error.to_string()))?;
     let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT)?;

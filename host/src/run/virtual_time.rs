@@ -323,13 +323,7 @@ pub struct Virtual {
 /// [`Failure`].
 pub fn print(print: &Print<'_>, surroundings: Virtual) -> Result<Summary, Failure> {
     let cell = print.cell;
-    let options = Options {
-        start_q: cell.robot.start,
-        flange_from_tcp: cell.tool.flange_from_tcp,
-        register_offset: cell.link.register_offset,
-        program: surroundings.program,
-        autoplay: true,
-    };
+    let options = Options::of(cell, surroundings.program);
     let controller =
         Controller::new(&cell.robot.arm, options).map_err(|error| Failure::told(Exit::Input, error.to_string()))?;
     let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT)?;

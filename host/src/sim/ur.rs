@@ -17,6 +17,7 @@ mod tests;
 
 pub use session::ClientId;
 
+use crate::config::Cell;
 use crate::link::rtde::TextLevel;
 use crate::link::rtde::program::WatchdogAction;
 use fields::{InputValues, REGISTERS, Snapshot};
@@ -47,6 +48,19 @@ pub struct Options {
     pub program: String,
     /// Whether it starts with the controller.
     pub autoplay: bool,
+}
+
+impl Options {
+    /// As a cell file has it, with a program that starts with the controller.
+    pub const fn of(cell: &Cell, program: String) -> Self {
+        Self {
+            start_q: cell.robot.start,
+            flange_from_tcp: cell.tool.flange_from_tcp,
+            register_offset: cell.link.register_offset,
+            program,
+            autoplay: true,
+        }
+    }
 }
 
 /// Why there is no controller.

@@ -110,13 +110,7 @@ impl<'a> Print<'a> {
     /// [`WcetError::Print`] where the cell does not carry it.
     pub fn new(cell: &'a Cell, model: &'a FimModel) -> Result<Self, WcetError> {
         let failed = |error: &dyn std::fmt::Display| WcetError::Print(error.to_string());
-        let options = Options {
-            start_q: cell.robot.start,
-            flange_from_tcp: cell.tool.flange_from_tcp,
-            register_offset: cell.link.register_offset,
-            program: program(cell).map_err(|failure| failed(&failure))?,
-            autoplay: true,
-        };
+        let options = Options::of(cell, program(cell).map_err(|failure| failed(&failure))?);
         let mut controller = Controller::new(&cell.robot.arm, options).map_err(|error| failed(&error))?;
         let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT).map_err(|error| failed(&error))?;
         let client = controller.connect();
