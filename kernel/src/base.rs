@@ -247,41 +247,37 @@ impl Base {
             return Err(BaseError::Early { by: at.since(ticked) });
         }
         let seen = Seen::of(arm, measurement, &self.nominal_from_tracker, &self.config)?;
-        let judged = self.held(self.estimate, at).map(|estimate| estimate.with(&seen, &self.config)).transpose()?;
-        if let Some((estimate, Judged::Taken { nis })) = judged {
+        let (config, hold) = (&self.config, self.config.hold);
+        let held = |estimate: &Estimate| seconds(estimate.at(), at) <= hold;
+        let judged = match &mut self.estimate {
+            Some(estimate) if held(estimate) => Some(estimate.take(&seen, config)?),
+            _ => None,
+        };
+        if let Some(Judged::Taken { nis }) = judged {
             self.newest = Some(at);
-            self.estimate = Some(estimate);
             self.candidate = None;
             return Ok(Verdict::Taken { nis });
         }
-        let (candidate, agreeing) = self.agree(&seen)?;
+        // The candidate with one measurement more that agrees with it, or a new one from that measurement alone.
+        let agreeing = if let Some((candidate, agreeing)) = &mut self.candidate
+            && held(candidate)
+            && candidate.take(&seen, config)?.is_taken()
+        {
+            *agreeing = agreeing.saturating_add(1);
+            *agreeing
+        } else {
+            self.candidate = Some((Estimate::alone(&seen, config)?, 1));
+            1
+        };
         self.newest = Some(at);
-        if agreeing >= self.config.agreeing {
-            self.estimate = Some(candidate);
-            self.candidate = None;
+        if agreeing >= config.agreeing {
+            self.estimate = self.candidate.take().map(|(candidate, _)| candidate);
             return Ok(Verdict::Acquired);
         }
-        self.candidate = Some((candidate, agreeing));
         Ok(match judged {
-            Some((_, Judged::Gated { nis, gate })) => Verdict::Gated { nis, gate, agreeing },
+            Some(Judged::Gated { nis, gate }) => Verdict::Gated { nis, gate, agreeing },
             _ => Verdict::Acquiring { agreeing },
         })
-    }
-
-    /// The candidate with one measurement more that agrees with it, or a new one from that measurement alone.
-    fn agree(&self, seen: &Seen) -> Result<(Estimate, u32), BaseError> {
-        if let Some((candidate, agreeing)) = self.candidate
-            && let Some(candidate) = self.held(Some(candidate), seen.at)
-            && let (candidate, Judged::Taken { .. }) = candidate.with(seen, &self.config)?
-        {
-            return Ok((candidate, agreeing.saturating_add(1)));
-        }
-        Ok((Estimate::alone(seen, &self.config)?, 1))
-    }
-
-    /// An estimate that is still trusted.
-    fn held(&self, estimate: Option<Estimate>, at: Nanos) -> Option<Estimate> {
-        estimate.filter(|estimate| seconds(estimate.at(), at) <= self.config.hold)
     }
 
     /// One period on. `at` is when the correction is to act: now, or later by the dead time of the command. The estimate is
@@ -293,8 +289,11 @@ impl Base {
     /// [`Self::output`] all the same.
     pub fn tick(&mut self, at: Nanos) -> Result<Output, Excess> {
         self.ticked = Some(at);
-        self.estimate = self.held(self.estimate, at);
-        let ahead = self.estimate.map(|estimate| (estimate.ahead(at, &self.config), seconds(estimate.at(), at)));
+        if self.estimate.as_ref().is_some_and(|estimate| seconds(estimate.at(), at) > self.config.hold) {
+            self.estimate = None;
+        }
+        let ahead =
+            self.estimate.as_ref().map(|estimate| (estimate.ahead(at, &self.config), seconds(estimate.at(), at)));
         let limits = self.config.limits;
         let mut aims = [Vector3::zeros(); 2];
         if let Some((Ahead { place, rate, displacement }, _)) = &ahead {

@@ -164,11 +164,48 @@ impl Seen {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     at: Nanos,
+    motion: Motion,
+    covariance: Covariance,
+}
+
+/// Where the base rests, how it swings about that, and the rates of both.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Motion {
     place: Displacement,
     rate: Displacement,
     swing: Displacement,
     swing_rate: Displacement,
-    covariance: Covariance,
+}
+
+impl Motion {
+    /// After `dt` s.
+    fn after(&self, dt: f64, config: &BaseConfig, turns: &Turns) -> Self {
+        let time = config.drift.time;
+        let lost = -libm::expm1(-dt / time);
+        let [swing, swing_rate] = swung(turns, &self.swing, &self.swing_rate);
+        let (place, rate) = (self.place.moved(&self.rate, time * lost), self.rate.scaled(1.0 - lost));
+        Self { place, rate, swing, swing_rate }
+    }
+
+    /// Where the base is, with its swing.
+    fn displacement(&self, config: &BaseConfig) -> Displacement {
+        if config.swing.swings() {
+            self.place.with_swing(&self.swing, &config.swing.lever(&config.pivot))
+        } else {
+            self.place
+        }
+    }
+
+    /// Moved on by steps of its parts.
+    fn stepped(&self, steps: &[[f64; 6]; 4]) -> Self {
+        let [place, rate, swing, swing_rate] = steps.each_ref().map(Displacement::of);
+        Self {
+            place: self.place.moved(&place, 1.0),
+            rate: self.rate.plus(&rate),
+            swing: self.swing.plus(&swing),
+            swing_rate: self.swing_rate.plus(&swing_rate),
+        }
+    }
 }
 
 /// The base at a later time, if nothing is measured until then.
@@ -190,22 +227,22 @@ impl Estimate {
 
     /// Where the base would rest: of the pivot, and rotation.
     pub const fn place(&self) -> &Displacement {
-        &self.place
+        &self.motion.place
     }
 
     /// The rate of that (m/s, rad/s).
     pub const fn rate(&self) -> &Displacement {
-        &self.rate
+        &self.motion.rate
     }
 
     /// Of the swing's centre, and rotation: what is to be added to the place of rest.
     pub const fn swing(&self) -> &Displacement {
-        &self.swing
+        &self.motion.swing
     }
 
     /// The rate of that (m/s, rad/s).
     pub const fn swing_rate(&self) -> &Displacement {
-        &self.swing_rate
+        &self.motion.swing_rate
     }
 
     /// How good it is.
@@ -232,43 +269,35 @@ impl Estimate {
         let swing = &config.swing;
         let covariance = Covariance::alone(&xx, &config.drift, swing, crossing(&swing.lever(&config.pivot)));
         let still = Displacement::zero();
-        Ok(Self { at: seen.at, place: displacement, rate: still, swing: still, swing_rate: still, covariance })
+        let motion = Motion { place: displacement, rate: still, swing: still, swing_rate: still };
+        Ok(Self { at: seen.at, motion, covariance })
     }
 
     /// The base at a later time, if nothing is measured until then.
     pub(super) fn ahead(&self, at: Nanos, config: &BaseConfig) -> Ahead {
-        let (next, _) = self.moved(at, config);
-        let displacement = next.place.with_swing(&next.swing, &config.swing.lever(&config.pivot));
-        Ahead { place: next.place, rate: next.rate, displacement }
-    }
-
-    /// The same estimate at a later time, but for its covariance.
-    fn moved(&self, at: Nanos, config: &BaseConfig) -> (Self, Turns) {
         let dt = seconds(self.at, at);
-        let Drift { time, .. } = config.drift;
-        let lost = -libm::expm1(-dt / time);
-        let turns = config.swing.turns(dt);
-        let [swing, swing_rate] = swung(&turns, &self.swing, &self.swing_rate);
-        let (place, rate) = (self.place.moved(&self.rate, time * lost), self.rate.scaled(1.0 - lost));
-        (Self { at, place, rate, swing, swing_rate, ..*self }, turns)
+        let motion = self.motion.after(dt, config, &config.swing.turns(dt));
+        Ahead { place: motion.place, rate: motion.rate, displacement: motion.displacement(config) }
     }
 
-    /// The estimate at the measurement's stamp, moved towards it if that is not gated.
+    /// Moves on to the measurement's stamp and towards it. A measurement that is gated changes nothing, nor does an error.
     ///
     /// The innovation is that of the target, where the noise is simple: the difference of positions, and the rotation vector
     /// of R_measured·R_expectedᵀ. The target lies at the pivot plus a lever r that turns with the base, and the pivot at the
     /// swing's centre plus a lever c, so that H = \[I, −\[r\]×, 0, 0, I, −\[r + c\]×, 0, 0; 0, I, 0, 0, 0, I, 0, 0\]: what a swing
     /// turns of the place's own displacement is of second order and left out.
-    pub(super) fn with(&self, seen: &Seen, config: &BaseConfig) -> Result<(Self, Verdict), EkfError> {
-        if config.swing.swings() { self.with_parts::<4>(seen, config) } else { self.with_parts::<2>(seen, config) }
+    pub(super) fn take(&mut self, seen: &Seen, config: &BaseConfig) -> Result<Verdict, EkfError> {
+        if config.swing.swings() { self.take_parts::<4>(seen, config) } else { self.take_parts::<2>(seen, config) }
     }
 
     /// Of the state's parts only so many are looked at.
-    fn with_parts<const PARTS: usize>(&self, seen: &Seen, config: &BaseConfig) -> Result<(Self, Verdict), EkfError> {
-        let (mut next, turns) = self.moved(seen.at, config);
-        next.covariance.step::<PARTS>(seconds(self.at, seen.at), &config.drift, &config.swing, &turns);
-        let beside = config.swing.lever(&config.pivot);
-        let displacement = next.place.with_swing(&next.swing, &beside);
+    fn take_parts<const PARTS: usize>(&mut self, seen: &Seen, config: &BaseConfig) -> Result<Verdict, EkfError> {
+        let dt = seconds(self.at, seen.at);
+        let turns = config.swing.turns(dt);
+        let motion = self.motion.after(dt, config, &turns);
+        let mut covariance = self.covariance;
+        covariance.step::<PARTS>(dt, &config.drift, &config.swing, &turns);
+        let displacement = motion.displacement(config);
         let turn = Pose::from_rotation_vector(Vector3::zeros(), displacement.rotation).rotation;
         let lever = turn * (seen.base_from_target.translation - config.pivot);
         let expected = config.pivot + displacement.translation + lever;
@@ -276,8 +305,8 @@ impl Estimate {
         let miss = Pose { rotation: seen.rotation * turn.transpose(), translation: place };
         let rotation = miss.rotation_vector();
         let mut y = [place.x, place.y, place.z, rotation.x, rotation.y, rotation.z];
-        let levers = [crossing(&lever), crossing(&(lever + beside))];
-        let mut rows = next.covariance.seen::<PARTS>(&levers);
+        let levers = [crossing(&lever), crossing(&(lever + config.swing.lever(&config.pivot)))];
+        let mut rows = covariance.seen::<PARTS>(&levers);
         let mut s: Block<6> = [[0.0; 6]; 6];
         for (s, row) in s.iter_mut().zip(&rows) {
             // Place and swing; what lies between are rates, which are not seen.
@@ -296,14 +325,10 @@ impl Estimate {
             for (row, e) in rows.iter().zip(y) {
                 add(steps.as_flattened_mut(), row.as_flattened(), e);
             }
-            let [place, rate, swing, swing_rate] = steps.each_ref().map(Displacement::of);
-            next.place = next.place.moved(&place, 1.0);
-            next.rate = next.rate.plus(&rate);
-            next.swing = next.swing.plus(&swing);
-            next.swing_rate = next.swing_rate.plus(&swing_rate);
-            next.covariance.reduce(&rows, &weights);
+            covariance.reduce(&rows, &weights);
+            *self = Self { at: seen.at, motion: motion.stepped(&steps), covariance };
         }
-        Ok((next, verdict))
+        Ok(verdict)
     }
 }
 
