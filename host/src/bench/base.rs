@@ -20,8 +20,8 @@ use trial::{Correction, Sample, TrialError};
 /// Speeds of the tool (m/s).
 pub const SPEEDS: [f64; 4] = [0.015, 0.05, 0.1, 0.25];
 
-/// What is compared.
-pub const CORRECTIONS: [&str; 3] = ["off", "lead only", "on"];
+/// What is compared: a base that drifts straight on in a random direction, and last one that turns to another every few seconds.
+pub const CONDITIONS: [&str; 4] = ["off", "lead only", "on", "on, turning"];
 
 /// How long the speed is held (s), and which part of the run is scored (s): not the ramps, nor the first second and a half at full speed,
 /// in which corrections are still led in.
@@ -63,7 +63,7 @@ pub struct Score {
     pub kind: Kind,
     /// Of its loops.
     pub margin: Margin,
-    /// By speed and correction, in the order of [`SPEEDS`] and [`CORRECTIONS`].
+    /// By speed and condition, in the order of [`SPEEDS`] and [`CONDITIONS`].
     pub errors: Vec<Vec<Errors>>,
     /// With everything that disturbs.
     pub disturbed: Disturbed,
@@ -100,13 +100,17 @@ fn score(seed: u64) -> Result<Score, BaseBenchError> {
     let found = commission::commission(kind, &params, seed).map_err(cell)?;
     let margin = margin::of(kind, &params, seed, &found).map_err(cell)?;
     // Drift alone: steps of the base and breaks of the beam are another question.
-    let mut drifting = params.clone();
-    (drifting.base.step_interval, drifting.tracker.break_interval) = (f64::INFINITY, f64::INFINITY);
+    let mut turning = params.clone();
+    (turning.base.step_interval, turning.tracker.break_interval) = (f64::INFINITY, f64::INFINITY);
+    let mut straight = turning.clone();
+    straight.base.drift_time = f64::INFINITY;
+    let on = Correction::On(found);
+    let conditions = [(&straight, Correction::Off), (&straight, Correction::Lead), (&straight, on), (&turning, on)];
     let mut errors = Vec::new();
     for speed in SPEEDS {
         let mut row = Vec::new();
-        for correction in [Correction::Off, Correction::Lead, Correction::On(found)] {
-            let run = trial::run(kind, &drifting, seed, (speed, SECONDS), correction, |_, _| {}).map_err(failed)?;
+        for (params, correction) in conditions {
+            let run = trial::run(kind, params, seed, (speed, SECONDS), correction, |_, _| {}).map_err(failed)?;
             row.push(if run.fault.is_some() { Errors::STOPPED } else { judged(&run.samples) });
         }
         errors.push(row);

@@ -20,17 +20,18 @@ pub struct Commissioned {
 }
 
 /// From the fastest to the slowest that is tried (rad).
-const DEVIATIONS: [f64; 11] = [3e-4, 4e-4, 5e-4, 7e-4, 9e-4, 1.2e-3, 1.6e-3, 2.2e-3, 3e-3, 5e-3, 1e-2];
+const DEVIATIONS: [f64; 13] = [3e-4, 4e-4, 5e-4, 7e-4, 9e-4, 1.2e-3, 1.6e-3, 2.2e-3, 3e-3, 5e-3, 1e-2, 3e-2, 1e-1];
 
-/// The kick: joints 1 to 3 go as far (rad) as a heavy arm and a light one may, in this time (s): too slowly to shake the arm's own
+/// A kick: a joint goes as far (rad) as a heavy arm's and a light one's may, in this time (s): too slowly to shake the arm's own
 /// links at 8 Hz and more.
 const KICK: [f64; 2] = [0.02, 0.2];
 const KICKED: f64 = 0.15;
+const JOINTS: [usize; 3] = [0, 1, 2];
 /// When it is over, and for how long the swing is looked at then (s).
 const SETTLED: f64 = 0.5;
 const LOOKED: f64 = 4.0;
-/// What frequencies are looked for, and in what steps at first (rad/s).
-const FREQUENCIES: std::ops::Range<f64> = 6.0..53.0;
+/// What frequencies are looked for under a heavy arm and a light one, below those of its links, and in what steps at first (rad/s).
+const FREQUENCIES: [std::ops::Range<f64>; 2] = [6.0..44.0, 6.0..53.0];
 const STEP: f64 = 0.25;
 const DAMPINGS: [f64; 5] = [0.02, 0.035, 0.05, 0.07, 0.1];
 
@@ -55,8 +56,20 @@ pub fn commission(kind: Kind, params: &Params, seed: u64) -> Result<Commissioned
     Ok(found)
 }
 
-/// Frequency (rad/s) and damping ratio of each axis, from how the base swings after a kick.
+/// Frequency (rad/s) and damping ratio of each axis, from how the base swings after a kick of each of [`JOINTS`]: what one
+/// leaves alone another moves.
 fn swings(kind: Kind, params: &Params, seed: u64) -> [[f64; 2]; 6] {
+    let [heavy, light] = FREQUENCIES;
+    let frequencies = if kind == Kind::Nj130 { heavy } else { light };
+    let kicks = JOINTS.map(|joint| kicked(kind, params, seed, joint));
+    std::array::from_fn(|axis| {
+        let of = |seen: &Vec<(f64, [f64; 6])>| seen.iter().map(|(time, parts)| (*time, parts[axis])).collect();
+        fitted(&kicks.each_ref().map(of), &frequencies)
+    })
+}
+
+/// The base's pose (m, rad) over time (s) after a kick of that joint.
+fn kicked(kind: Kind, params: &Params, seed: u64, joint: usize) -> Vec<(f64, [f64; 6])> {
     let mut calm = params.clone();
     (calm.base.drift_speed, calm.base.turn_speed, calm.base.step_interval) = (0.0, 0.0, f64::INFINITY);
     calm.tracker.break_interval = f64::INFINITY;
@@ -71,7 +84,7 @@ fn swings(kind: Kind, params: &Params, seed: u64) -> [[f64; 2]; 6] {
     for tick in 0..((SETTLED + LOOKED) / period) as usize {
         let done = (tick as f64 * period / KICKED).min(1.0);
         let mut command = calm.start;
-        (0..3).for_each(|joint| command.0[joint] += 0.5 * kick * (1.0 - (std::f64::consts::PI * done).cos()));
+        command.0[joint] += 0.5 * kick * (1.0 - (std::f64::consts::PI * done).cos());
         let measured = plant.step(&command);
         // A tick is later than the one before: it goes in.
         let _ = encoders.push(measured.now, &measured.joints);
@@ -83,10 +96,7 @@ fn swings(kind: Kind, params: &Params, seed: u64) -> [[f64; 2]; 6] {
             }
         }
     }
-    std::array::from_fn(|axis| {
-        let values: Vec<_> = seen.iter().map(|(time, parts)| (*time, parts[axis])).collect();
-        fitted(&values)
-    })
+    seen
 }
 
 fn parts(pose: &Pose) -> [f64; 6] {
@@ -95,11 +105,11 @@ fn parts(pose: &Pose) -> [f64; 6] {
 }
 
 /// The damped oscillation about a slow curve that leaves least of these values: first on a grid, then ever finer about the best.
-fn fitted(values: &[(f64, f64)]) -> [f64; 2] {
-    let count = ((FREQUENCIES.end - FREQUENCIES.start) / STEP) as usize;
-    let grid = (0..count).flat_map(|k| DAMPINGS.map(|damping| [FREQUENCIES.start + STEP * k as f64, damping]));
+fn fitted(kicks: &[Vec<(f64, f64)>], frequencies: &std::ops::Range<f64>) -> [f64; 2] {
+    let count = ((frequencies.end - frequencies.start) / STEP) as usize;
+    let grid = (0..count).flat_map(|k| DAMPINGS.map(|damping| [frequencies.start + STEP * k as f64, damping]));
     // Every fourth value will do for the grid.
-    let few: Vec<_> = values.iter().copied().step_by(4).collect();
+    let few: Vec<Vec<_>> = kicks.iter().map(|values| values.iter().copied().step_by(4).collect()).collect();
     let mut best = least(&few, grid);
     let mut step = [STEP, 0.01];
     for _ in 0..6 {
@@ -107,17 +117,18 @@ fn fitted(values: &[(f64, f64)]) -> [f64; 2] {
         let around = [-1.0, -0.5, 0.0, 0.5, 1.0];
         let near = around.iter().flat_map(|i| {
             around.map(|j| {
-                [(f + i * step[0]).clamp(FREQUENCIES.start, FREQUENCIES.end), (d + j * step[1]).clamp(0.005, 0.3)]
+                [(f + i * step[0]).clamp(frequencies.start, frequencies.end), (d + j * step[1]).clamp(0.005, 0.3)]
             })
         });
-        best = least(values, near);
+        best = least(kicks, near);
         step = step.map(|step| 0.5 * step);
     }
     best
 }
 
-fn least(values: &[(f64, f64)], candidates: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
-    let scored = candidates.map(|candidate| (left(values, candidate), candidate));
+fn least(kicks: &[Vec<(f64, f64)>], candidates: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
+    let of = |candidate| kicks.iter().map(|values| left(values, candidate)).sum::<f64>();
+    let scored = candidates.map(|candidate| (of(candidate), candidate));
     scored.min_by(|a, b| a.0.total_cmp(&b.0)).map_or([f64::NAN; 2], |(_, best)| best)
 }
 

@@ -6,8 +6,10 @@ fn a_plant_of_each_kind_is_stable_and_better_with_its_corrections() {
     for score in &scores {
         assert!(report::is_stable(score), "{:?} {:?}", score.kind, score.margin);
         for row in &score.errors {
-            let [off, _, on] = row[..] else { panic!("three corrections") };
-            assert!(on.absolute[1] < 0.25 * off.absolute[1], "{:?}: {on:?} and {off:?}", score.kind);
+            let [off, _, on, turning] = row[..] else { panic!("four conditions") };
+            for on in [on, turning] {
+                assert!(on.absolute[1] < 0.25 * off.absolute[1], "{:?}: {on:?} and {off:?}", score.kind);
+            }
         }
         let Disturbed { shares, relocks, fault } = score.disturbed;
         assert!(shares.iter().all(|share| *share <= 1.0) && relocks > 0, "{:?}", score.disturbed);
