@@ -278,7 +278,7 @@ impl<const N: usize> Control<N> {
             if !self.waits {
                 self.feedback = feedback;
             }
-            if report.closed {
+            if report.closed && seen.dt > 0.0 {
                 self.pid.put_out(&self.feedback).map_err(ControlError::Pid)?;
             }
             let wanted = sum(&shift, &self.feedback);
@@ -373,6 +373,10 @@ impl<const N: usize> Control<N> {
             self.closed = true;
         }
         report.closed = true;
+        if seen.dt <= 0.0 {
+            // No time has passed since the last tick: there is nothing to integrate over, and no slope.
+            return Ok(self.feedback);
+        }
         self.pid.step(&error, seen.dt, !self.waits).map_err(ControlError::Pid)
     }
 

@@ -263,6 +263,11 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
                 self.disbelieved = if report.gated == 0 { 0 } else { self.disbelieved.saturating_add(1) };
                 Ok(report)
             }
+            // A clock that has not gone on: nothing has changed. One that stays is not believed, and then the filter starts anew.
+            Err(EkfError::Step { dt }) if dt <= 0.0 => {
+                self.disbelieved = self.disbelieved.saturating_add(1);
+                Ok(replay::Report::default())
+            }
             Err(error) => {
                 self.filter = None;
                 Err(error)

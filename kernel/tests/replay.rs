@@ -122,12 +122,37 @@ fn what_cannot_be_taken_in_is_counted() {
     assert_eq!((report.too_old, report.sorted, report.deferred, report.replayed), (1, 1, 2, DEPTH - 1));
     let report = filter.tick(&UR10E, Nanos(42 * TICK_NS), &JointJerk::ZERO).unwrap();
     assert_eq!((report.sorted, report.deferred, report.replayed), (2, 0, 0));
-    for _ in 0..WAITING_MAX {
-        filter.offer(&rates(43 * TICK_NS)).unwrap();
+    for k in 0..WAITING_MAX as u64 {
+        filter.offer(&rates(43 * TICK_NS - k)).unwrap();
     }
     assert_eq!(filter.offer(&rates(43 * TICK_NS)), Err(OfferError::Full));
     let report = filter.tick(&UR10E, Nanos(43 * TICK_NS), &JointJerk::ZERO).unwrap();
     assert_eq!((report.sorted, report.crowded), (STEP_MEASUREMENTS_MAX, WAITING_MAX - STEP_MEASUREMENTS_MAX));
+}
+
+/// A line that says a thing twice, at once or ticks later, tells no more than one that says it once: nothing changes, not a bit.
+#[test]
+fn what_is_said_twice_counts_once() {
+    let tape = tape(11, 200);
+    let in_order = |(_, stamped): &(u64, Stamped<N>)| stamped.at.0.div_ceil(TICK_NS);
+    let (once, _) = play(&tape, in_order);
+    let mut twice = tape.start.clone();
+    let mut repeated = 0;
+    for (tick, jerk) in (1..).zip(&tape.jerks) {
+        for one in &tape.measurements {
+            if in_order(one) == tick {
+                twice.offer(&one.1).unwrap();
+                twice.offer(&one.1).unwrap();
+            } else if in_order(one) + 5 == tick {
+                twice.offer(&one.1).unwrap();
+            }
+        }
+        let report = twice.tick(&UR10E, Nanos(tick * TICK_NS), jerk).unwrap();
+        assert_eq!((report.sorted, report.replayed, report.crowded, report.too_old), (3, 0, 0, 0));
+        repeated += report.repeated;
+    }
+    assert_eq!(repeated, 3 * 200 + 3 * 195);
+    assert_eq!(once.ekf(), twice.ekf());
 }
 
 #[test]

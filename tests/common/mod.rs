@@ -158,7 +158,8 @@ pub fn assert_on_path(setpoints: &[[f64; 6]], path: &[[f64; 3]], mut at: usize, 
     }
 }
 
-fn to_chord(p: &[f64; 3], a: &[f64; 3], b: &[f64; 3]) -> f64 {
+/// Distance of a point from a chord (m).
+pub fn to_chord(p: &[f64; 3], a: &[f64; 3], b: &[f64; 3]) -> f64 {
     let sub = |u: &[f64; 3], v: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|i| u[i] - v[i]) };
     let dot = |u: &[f64; 3], v: &[f64; 3]| u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
     let (ab, ap) = (sub(b, a), sub(p, a));

@@ -9,7 +9,7 @@ use crate::run::memory::Memory;
 use crate::run::overruns::Overruns;
 use screed_kernel::closed_loop::ClosedLoop;
 use screed_kernel::control::Report;
-use screed_kernel::estimator::Robot;
+use screed_kernel::estimator::{POSES_MAX, Robot, TrackerPose};
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, CycleRecord, FromKernel, NOTE_MAX, Pace, Status};
 use screed_kernel::tick::{Command, Kernel, Sensors, TRANSMIT_MAX};
@@ -79,6 +79,8 @@ pub struct Core {
     kernel: Box<Kernel<6, RING>>,
     /// Where the cell wants the servo's lag compensated.
     lead: Option<Box<ClosedLoop<6, DEPTH>>>,
+    /// What the tracker has said since the last cycle.
+    poses: heapless::Vec<TrackerPose, POSES_MAX>,
     /// What was commanded last, and what the loop says of it.
     command: Option<(Command<6>, Report)>,
     robot: RtdeClient,
@@ -114,16 +116,25 @@ impl Core {
     /// Ready to negotiate with the robot. `realtime` and `note` say what scheduling the process got.
     ///
     /// # Errors
-    /// [`CoreError`] when the cell's link or extruder line cannot be.
+    /// [`CoreError`] when the cell's link or extruder line cannot be, and for a cell with a tracker.
     pub fn new(cell: &Cell, realtime: bool, note: &str) -> Result<Self, CoreError> {
-        if cell.tracked.is_some() {
-            return Err(CoreError::Tracker);
+        match cell.tracked {
+            Some(_) => Err(CoreError::Tracker),
+            None => Self::tracked(cell, realtime, note),
         }
+    }
+
+    /// The same for whoever has a tracker's poses to give it: [`Self::on_tracker`].
+    ///
+    /// # Errors
+    /// [`CoreError`] when the cell's link, extruder line or loop cannot be.
+    pub fn tracked(cell: &Cell, realtime: bool, note: &str) -> Result<Self, CoreError> {
         let timeout_ns = (cell.link.timeout * 1e9) as u64;
         let robot = RtdeClient::new(&cell.robot.arm, cell.link.rate_hz, cell.link.register_offset, timeout_ns)?;
         Ok(Self {
             kernel: Box::new(Kernel::new(&cell.robot.arm)),
             lead: cell.closed_loop().map_err(CoreError::Lead)?.map(Box::new),
+            poses: heapless::Vec::new(),
             command: None,
             robot,
             extruder: ExtruderLine::new(cell.extruder.flow_max, timeout_ns)?,
@@ -245,6 +256,14 @@ impl Core {
     pub fn on_extruder(&mut self, now: Nanos, bytes: &[u8]) {
         let result = self.extruder.handle_bytes(now, bytes);
         self.check_extruder(result);
+    }
+
+    /// A pose of the tracker, for the next cycle; of more than [`POSES_MAX`] the oldest are left out, as the estimator would.
+    pub fn on_tracker(&mut self, pose: TrackerPose) {
+        if self.poses.is_full() {
+            self.poses.remove(0);
+        }
+        let _ = self.poses.push(pose);
     }
 
     /// Bytes for the robot; call until it gives 0.
@@ -373,11 +392,12 @@ impl Core {
         let (command, report) = match &mut self.lead {
             Some(lead) => {
                 let robot = Robot { actual: state.actual_q, rates: None, ready };
-                let (command, report) = lead.tick(&mut self.kernel, now, &robot, &[]);
+                let (command, report) = lead.tick(&mut self.kernel, now, &robot, &self.poses);
                 (command, report.control)
             }
             None => (self.kernel.tick(now, &Sensors::robot(state.actual_q, ready)), Report::default()),
         };
+        self.poses.clear();
         self.command = Some((command, report));
         if let Some(joints) = command.joints {
             self.package = self.package.wrapping_add(1);

@@ -14,10 +14,11 @@ use crate::run::account::Account;
 use crate::run::resend::{LineFigures, Resend};
 use crate::run::words;
 use screed_kernel::frame::{
-    self, Configure, CycleRecord, FaultReport, FrameError, FromKernel, LoopRecord, ModeCode, Pace, Reader, Refusal,
-    Status, ToKernel, WIRE_MAX,
+    self, BaseRecord, Configure, CycleRecord, FaultReport, FrameError, FromKernel, LoopRecord, ModeCode, Pace, Reader,
+    Refusal, Status, ToKernel, WIRE_MAX,
 };
 use screed_kernel::units::JointPos;
+use screed_kernel::wait::CAUGHT_UP;
 use std::sync::Arc;
 
 /// How far ahead of the path clock the ring is kept filled (s).
@@ -240,7 +241,11 @@ impl Job {
         for &byte in bytes {
             let Some(frame) = self.reader.push(byte) else { continue };
             match frame.and_then(frame::decode::<FromKernel>) {
-                Ok(message) => self.handle(message, on_cycle)?,
+                // What came along is heard all the same: the cycle in which the arm came to rest belongs in the log.
+                Ok(message) => match self.handle(message, on_cycle) {
+                    Err(error @ JobError::Fault(_)) => self.error = self.error.take().or(Some(error)),
+                    handled => handled?,
+                },
                 // A later minor version may say more than is known here.
                 Err(FrameError::Message) => self.unknown += 1,
                 Err(error @ FrameError::Version(_)) => return Err(JobError::Frame(error)),
@@ -301,8 +306,12 @@ impl Job {
     /// A path that waits for its correction looks like one that is stuck: a person is told.
     fn on_loop(&mut self, record: &LoopRecord) {
         if record.waits && !self.waits {
-            let lost = record.base.is_some_and(|base| base.age.is_none());
-            let what = if lost { "the tracker, whose poses are not believed" } else { "a correction that is behind" };
+            // It waits for a tracker before that is given up: what is not behind is not what it waits for.
+            let behind =
+                |base: &BaseRecord| base.behind.iter().zip(&record.held).any(|(base, tool)| base + tool > CAUGHT_UP);
+            let lost = record.base.is_some_and(|base| base.age.is_none() || !behind(&base));
+            let what =
+                if lost { "the tracker: no pose has been believed for a while" } else { "a correction that is behind" };
             self.alarms.push(format!("the path waits for {what}; it goes on by itself"));
         }
         self.waits = record.waits;
@@ -314,8 +323,13 @@ impl Job {
         if matches!(self.phase, Phase::Stopping | Phase::Ended(_)) {
             return Ok(());
         }
-        if let Some(fault) = self.status.and_then(|status| status.fault) {
-            return Err(JobError::Fault(fault));
+        // While the kernel stops for a fault it takes no more; the job ends by the status that says that the arm rests.
+        if self.status.is_some_and(|status| status.fault.is_some()) {
+            (self.exhausted, self.next) = (true, None);
+            if self.unanswered.take_if(|unanswered| *unanswered == batch).is_some() {
+                self.resend.iter_mut().for_each(Resend::answered);
+            }
+            return Ok(());
         }
         if let Some(resend) = &mut self.resend {
             match reason {

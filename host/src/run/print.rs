@@ -153,10 +153,22 @@ pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
             drop(process);
         }
     }
-    let outcome = result?;
-    let mut summary = session.summary(print.source.0, outcome);
+    if result.is_err() {
+        tell_account(print, &session.summary(print.source.0, FAILED));
+    }
+    let mut summary = session.summary(print.source.0, result?);
     summary.log = print.log.as_ref().map(|path| path.display().to_string());
     Ok(summary)
+}
+
+/// The outcome of a print that a failure has ended.
+pub(super) const FAILED: &str = "failed";
+
+/// The table of what was done until a failure, if anything was; on standard error, where the failure follows.
+pub(super) fn tell_account(print: &Print<'_>, summary: &Summary) {
+    if !print.quiet && summary.figures.sent > 0 {
+        note!("{summary}");
+    }
 }
 
 struct Driver {

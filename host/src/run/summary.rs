@@ -18,7 +18,7 @@ pub struct Summary {
     pub robot: String,
     /// Setpoints a second.
     pub rate_hz: u32,
-    /// "complete", "stopped" (after the time asked for) or "interrupted" (Ctrl-C).
+    /// "complete", "stopped" (after the time asked for), "interrupted" (Ctrl-C) or "failed".
     pub outcome: &'static str,
     /// "real time", "NON-RT" or "virtual time".
     pub scheduling: &'static str,

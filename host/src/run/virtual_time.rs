@@ -16,6 +16,7 @@ use crate::sim::extruder::{Extruder, TIME_CONSTANT};
 use crate::sim::line::{BadLine, LineFault};
 use crate::sim::ur::record::Record;
 use crate::sim::ur::{ClientId, Controller, Options};
+use screed_kernel::estimator::TrackerPose;
 use screed_kernel::units::Nanos;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -85,15 +86,32 @@ impl World {
     /// [`CoreError`] when the cell's link or extruder line cannot be.
     pub fn new(
         cell: &Cell,
-        mut controller: Controller,
+        controller: Controller,
         extruder: Extruder,
         fault: Option<LineFault>,
     ) -> Result<Self, CoreError> {
+        Ok(Self::around(Core::new(cell, false, "virtual time")?, cell, controller, extruder, fault))
+    }
+
+    /// The same for a cell with a tracker, whose poses the caller gives: [`Self::on_tracker`].
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn tracked(cell: &Cell, controller: Controller, extruder: Extruder) -> Result<Self, CoreError> {
+        Ok(Self::around(Core::tracked(cell, false, "virtual time")?, cell, controller, extruder, None))
+    }
+
+    fn around(
+        mut core: Core,
+        cell: &Cell,
+        mut controller: Controller,
+        extruder: Extruder,
+        fault: Option<LineFault>,
+    ) -> Self {
         let client = controller.connect();
-        let mut core = Core::new(cell, false, "virtual time")?;
         core.on_host_attached();
         let period_ns = 1_000_000_000 / u64::from(cell.link.rate_hz);
-        Ok(Self {
+        Self {
             core,
             controller,
             client,
@@ -105,7 +123,17 @@ impl World {
             stall: None,
             waiting: Vec::new(),
             memory: None,
-        })
+        }
+    }
+
+    /// A pose of the tracker reaches the process before the robot's next telegram.
+    pub fn on_tracker(&mut self, pose: TrackerPose) {
+        self.core.on_tracker(pose);
+    }
+
+    /// Virtual time.
+    pub const fn now(&self) -> Nanos {
+        self.now
     }
 
     /// Seconds of virtual time.
@@ -333,12 +361,15 @@ pub fn print(print: &Print<'_>, surroundings: Virtual) -> Result<Summary, Failur
     let result = play(&mut world, &mut session, record.as_mut(), surroundings.quiet);
     session.finish()?;
     record.as_mut().map_or(Ok(()), Record::finish)?;
-    let mut summary = session.summary(print.source.0, result?);
+    let mut summary = session.summary(print.source.0, result.as_ref().unwrap_or(&print::FAILED));
     (summary.scheduling, summary.scheduling_note) = ("virtual time", String::new());
     // Nothing takes any time there.
     (summary.figures.sensor_to_wire, summary.figures.memory) = (None, None);
     summary.log = print.log.as_ref().map(|path| path.display().to_string());
-    Ok(summary)
+    if result.is_err() {
+        print::tell_account(print, &summary);
+    }
+    result.map(|_| summary)
 }
 
 /// Steps the world until the session ends; says how.

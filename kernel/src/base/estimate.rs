@@ -1,5 +1,5 @@
-//! The filter of the base's displacement: 12 states, translation of the pivot, rotation vector, and their rates, all in the
-//! nominal base frame.
+//! The filter of the base's displacement: of its place of rest 12 states, translation of the pivot, rotation vector, and their
+//! rates; of its swing about that as many ([`super::swing`]), which stay zero where it has none. All in the nominal base frame.
 //!
 //! Rates are first-order Gauss–Markov processes, ẇ = −w/τ + white noise: they have a standard deviation, last for τ, and fade
 //! over a dropout instead of carrying the base away (Gelb, "Applied Optimal Estimation", 1974, 3.8). Rotation is an error state

@@ -41,6 +41,7 @@ struct World {
     nominal_from_base: Pose,
     tracked: bool,
     plays: bool,
+    dt: f64,
     tick: usize,
 }
 
@@ -54,6 +55,7 @@ impl World {
             nominal_from_base,
             tracked: true,
             plays: true,
+            dt: H,
             tick: 0,
         }
     }
@@ -77,7 +79,7 @@ impl World {
             nominal_from_base: self.nominal_from_base,
             base_from_flange: self.tracked.then(|| UR10E.forward(&actual)),
             drives: &[Drive::RIGID; 6],
-            dt: H,
+            dt: self.dt,
         };
         let (next, report) = self.control.step(&UR10E, &reference, &seen)?;
         self.correction.follow(&next, &LIMITS, H).unwrap_or_else(|error| panic!("{}: {error:?}", self.tick));
@@ -257,4 +259,47 @@ fn what_cannot_be_is_refused() {
     assert_eq!(new(&wrong), Some(ControlError::Pid(PidError::Gains)));
     let mut world = World::new(Pose::from_translation(9.0, 0.0, 0.0));
     assert!(matches!(world.step(), Err(ControlError::Unreachable(IkError::OutOfReach { .. }))));
+}
+
+/// Gains change while the tool's shift is held back, again and again: the shift keeps its bounds, nothing winds up, and the tool
+/// comes to where it should be without going beyond.
+#[test]
+fn gains_that_change_while_it_is_saturated_neither_bump_nor_wind_up() {
+    let mut world = World::new(displaced(0.004));
+    world.bend = JointPos([1e-3, -5e-4, 8e-4, 1e-3, -2e-3, 1e-3]);
+    let (mut before, mut slow, mut saturated, mut beyond) = (0.0, 0.0, 0, 0.0_f64);
+    for tick in 0..2000 {
+        // The path's tick decides on the process: every 300 another, here every 40 while it is held back.
+        if tick < 400 {
+            world.control.settings.works = if tick / 40 % 2 == 0 { Process::Mill } else { Process::Deposit };
+        }
+        let report = world.step().unwrap();
+        let speed = (report.shift - before) / H;
+        let most = 3_f64.sqrt();
+        assert!(speed <= most * BOUNDS.shift_speed_max * 1.000_001, "{tick}: {report:?}");
+        assert!((speed - slow).abs() <= 2.0 * most * BOUNDS.shift_acceleration_max * H, "{tick}: {speed} {slow}");
+        saturated += usize::from(report.saturated);
+        (before, slow) = (report.shift, speed);
+        if tick > 700 {
+            beyond = beyond.max(world.miss());
+        }
+    }
+    assert!(saturated > 50 && beyond < 2e-4 && world.miss() < 1e-6, "{saturated} {beyond} {}", world.miss());
+}
+
+/// A tick at the time of the one before has nothing to integrate over, and does no harm.
+#[test]
+fn a_tick_in_no_time_leaves_the_feedback_as_it_is() {
+    let mut world = World::new(displaced(0.002));
+    world.bend = JointPos([1e-3; 6]);
+    world.run(800);
+    let before = world.control.feedback;
+    for dt in [0.0, -0.002] {
+        world.dt = dt;
+        let report = world.step().unwrap();
+        assert!(report.closed && world.control.feedback == before, "{dt}: {report:?}");
+    }
+    world.dt = H;
+    world.run(500);
+    assert!(world.miss() < 1e-6, "{}", world.miss());
 }

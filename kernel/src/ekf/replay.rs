@@ -65,6 +65,9 @@ pub struct Report {
     pub too_old: usize,
     /// Measurements whose step has [`STEP_MEASUREMENTS_MAX`] already; they are lost.
     pub crowded: usize,
+    /// Measurements of a kind and an instant that their step has already, as a line that says a thing twice brings them; left out, for
+    /// twice the same tells no more than once.
+    pub repeated: usize,
     /// Measurements in the replayed steps and this one that were gated.
     pub gated: usize,
     /// The first error of a measurement in those steps; it has been left out, the others have not.
@@ -190,7 +193,9 @@ impl<const N: usize, const DEPTH: usize> Replay<N, DEPTH> {
             };
             let index = self.index(back);
             let Some(Some(step)) = self.steps.get_mut(index) else { continue };
-            if step.insert(stamped) {
+            if step.has(&stamped) {
+                count(&mut report.repeated);
+            } else if step.insert(stamped) {
                 count(&mut report.sorted);
                 oldest = usize::max(oldest, back);
             } else {
@@ -218,6 +223,11 @@ impl<const N: usize, const DEPTH: usize> Replay<N, DEPTH> {
 }
 
 impl<const N: usize> Step<N> {
+    /// Whether there is one of this kind and instant.
+    fn has(&self, stamped: &Stamped<N>) -> bool {
+        self.measurements.iter().flatten().any(|other| other.order() == stamped.order())
+    }
+
     /// Puts a measurement in its place, if there is one.
     fn insert(&mut self, stamped: Stamped<N>) -> bool {
         if self.measurements.iter().all(Option::is_some) {

@@ -159,6 +159,83 @@ fn poses_that_cannot_be_used_are_counted_and_of_too_many_the_oldest_left() {
     assert!(estimated.base.displacement.translation.norm() < 1e-5, "{:?}", estimated.base);
 }
 
+/// A tracker that repeats its last pose until it has the next, and a clock that stands for a tick.
+#[test]
+fn a_pose_that_comes_again_and_a_clock_that_stands_tell_nothing() {
+    let (mut once, mut again) = (World::new(config()), World::new(config()));
+    let mut repeated = 0;
+    for tick in 0..300 {
+        let pose = once.pose(once.now.plus(TICK_NS));
+        let new = tick % 5 == 0;
+        let seen = once.tick_with(if new { std::slice::from_ref(&pose) } else { &[] }).unwrap();
+        let held = again.pose(before(once.now, (tick % 5) * TICK_NS));
+        let estimated = again.tick_with(&[held]).unwrap();
+        repeated += estimated.filter.unwrap().repeated;
+        assert_eq!(seen.joints, estimated.joints, "{tick}");
+        assert_eq!(estimated.poses, [u32::from(new && estimated.poses[0] == 1), u32::from(estimated.poses[0] == 0)]);
+    }
+    assert!(repeated > 200, "{repeated}");
+    // The clock stands for a tick.
+    let robot = Robot { actual: again.encoders, rates: None, ready: true };
+    let stood = again.estimator.tick(&UR10E, again.now, &robot, &[]).unwrap();
+    assert!(stood.base_from_flange.is_some() && stood.filter.is_ok(), "{stood:?}");
+    let after = again.ticks(1).unwrap();
+    assert!(after.base_from_flange.is_some() && (after.joints.0[0] - AT.0[0]).abs() < 1e-5, "{after:?}");
+    // One that stands for good is not believed, and when it goes on the filter starts anew.
+    for _ in 0..60 {
+        let _ = again.estimator.tick(&UR10E, again.now, &robot, &[]);
+    }
+    assert_eq!(again.estimator.tick(&UR10E, again.now, &robot, &[]).unwrap().filter, Ok(replay::Report::default()));
+    let after = again.ticks(100).unwrap();
+    assert!(after.base_from_flange.is_some() && (after.joints.0[0] - AT.0[0]).abs() < 1e-5, "{after:?}");
+}
+
+/// Two minutes behind a wall, in which the base has gone elsewhere: nothing breaks down, and it is found again.
+#[test]
+fn a_tracker_that_is_gone_for_minutes_is_believed_again() {
+    let mut world = World::new(config());
+    world.ticks(200).unwrap();
+    world.shift = -0.012;
+    for _ in 0..60_000 {
+        let dark = world.tick_with(&[]).unwrap();
+        assert!(dark.filter.is_ok_and(|report| report.error.is_none() && report.gated == 0), "{dark:?}");
+    }
+    assert_eq!(world.tick_with(&[]).unwrap().base_from_flange, None);
+    let found = world.ticks(1500).unwrap();
+    let miss = found.base.displacement.translation - Vector3::new(-0.012, 0.0, 0.0);
+    assert!(miss.norm() < 5e-6 && found.age() == Some(0.0), "{miss} {found:?}");
+    let flange = found.base_from_flange.unwrap();
+    assert!((flange.translation - UR10E.forward(&AT).translation).norm() < 1e-5, "{flange:?}");
+}
+
+/// Poses of nonsense at every tick among good ones: each is counted, the good ones are believed all the same.
+#[test]
+fn nonsense_among_good_poses_changes_nothing() {
+    let (mut clean, mut spoilt) = (World::new(config()), World::new(config()));
+    let nonsense: [fn(&mut TrackerPose); 6] = [
+        |pose| pose.tracker_from_target.translation.x = f64::NAN,
+        |pose| pose.tracker_from_target.rotation[(0, 1)] = f64::INFINITY,
+        |pose| pose.tracker_from_target.rotation *= 0.0,
+        |pose| pose.position_deviation = 0.0,
+        |pose| pose.rotation_deviation = -1.0,
+        |pose| pose.position_deviation = f64::NAN,
+    ];
+    for tick in 0..600 {
+        let pose = clean.pose(clean.now.plus(TICK_NS));
+        let mut bad = clean.pose(before(clean.now.plus(TICK_NS), 1_000_000));
+        nonsense[tick % nonsense.len()](&mut bad);
+        let seen = clean.tick_with(&[pose]).unwrap();
+        let estimated = spoilt.tick_with(&[bad, pose]).unwrap();
+        assert_eq!((estimated.joints, estimated.base), (seen.joints, seen.base), "{tick}");
+        assert_eq!(estimated.poses, [seen.poses[0], seen.poses[1] + 1], "{tick}");
+    }
+    // As the only pose of a tick it is no more than one that is missing.
+    let mut bad = spoilt.pose(spoilt.now.plus(TICK_NS));
+    bad.tracker_from_target.translation.z = f64::NAN;
+    let estimated = spoilt.tick_with(&[bad]).unwrap();
+    assert!(estimated.base_from_flange.is_some() && estimated.poses == [0, 1], "{estimated:?}");
+}
+
 #[test]
 fn what_is_fast_is_the_links_and_not_the_base() {
     let bends = EstimatorConfig {

@@ -20,6 +20,11 @@ fn job() -> Job {
 }
 
 fn told(waits: bool, age: Option<f64>) -> FromKernel {
+    told_of(waits, age, [0.0; 2])
+}
+
+/// What is held is the tool's, in m and rad.
+fn told_of(waits: bool, age: Option<f64>, held: [f64; 2]) -> FromKernel {
     let base = BaseRecord {
         age,
         displacement: [0.0; 6],
@@ -39,7 +44,7 @@ fn told(waits: bool, age: Option<f64>) -> FromKernel {
         waits,
         saturated: false,
         moved: [0.0; 2],
-        held: [0.0; 2],
+        held,
         behind: 1e-4,
         lag: values(0.1),
         inverse_gain: values(0.004),
@@ -52,7 +57,10 @@ fn a_path_that_waits_is_told_once_each_time_and_for_what() {
     assert!(alarms(&mut job, &[told(false, Some(0.0)), told(false, None)]).is_empty());
     let lost = alarms(&mut job, &[told(true, None), told(true, None), told(true, Some(0.0))]);
     assert!(lost.len() == 1 && lost[0].contains("waits for the tracker"), "{lost:?}");
-    let behind = alarms(&mut job, &[told(false, Some(0.0)), told(true, Some(0.0))]);
+    // The last pose is old, and nothing is behind: it stops in time.
+    let lost = alarms(&mut job, &[told(false, Some(0.0)), told(true, Some(1.1)), told(true, None)]);
+    assert!(lost.len() == 1 && lost[0].contains("waits for the tracker"), "{lost:?}");
+    let behind = alarms(&mut job, &[told(false, Some(0.0)), told_of(true, Some(0.0), [0.0, 2e-3])]);
     assert!(behind.len() == 1 && behind[0].contains("a correction that is behind"), "{behind:?}");
     let lead = job.account().figures.lead.unwrap_or_default();
     assert_eq!((lead.lag_s, lead.inverse_gain_s2, lead.behind_max_rad), ([0.1; 2], [0.004; 2], 1e-4));
