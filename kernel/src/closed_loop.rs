@@ -117,7 +117,8 @@ impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
         let command = kernel.tick_corrected(now, &sensors, |reference| {
             found(&estimated, identification)?;
             commanded = reference.acceleration;
-            let seen = Seen { nominal_from_base, base_from_flange, drives: identification.drives(), dt };
+            let (joints, drives) = (estimate.unwrap_or(robot.actual), identification.drives());
+            let seen = Seen { nominal_from_base, base_from_flange, joints, drives, dt };
             let (correction, done) = control.step(arm, reference, &seen)?;
             report.control = done;
             report.waits = match &estimated {

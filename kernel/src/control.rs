@@ -93,6 +93,8 @@ pub struct Seen<'a, const N: usize> {
     pub nominal_from_base: Pose,
     /// Where the flange is in the base as it is, by the filter; `None` while that is not to be trusted.
     pub base_from_flange: Option<Pose>,
+    /// The joints by the filter, from which steps to those of that pose begin.
+    pub joints: JointPos<N>,
     /// The drives as identified.
     pub drives: &'a [Drive; N],
     /// Since the last tick (s).
@@ -273,7 +275,8 @@ impl<const N: usize> Control<N> {
         }
         let mut leads = JointPos::ZERO;
         if reference.plays {
-            let shift = self.shifted(arm, reference, seen, &mut report)?;
+            let base_from_flange = arm.forward(&reference.joints);
+            let shift = self.shifted(arm, (reference, &base_from_flange), seen, &mut report)?;
             let feedback = self.feed_back(arm, reference, seen, &mut report)?;
             if !self.waits {
                 self.feedback = feedback;
@@ -282,7 +285,7 @@ impl<const N: usize> Control<N> {
                 self.pid.put_out(&self.feedback).map_err(ControlError::Pid)?;
             }
             let wanted = sum(&shift, &self.feedback);
-            self.bound(arm, reference, &wanted, &mut report)?;
+            self.bound(arm, (reference, &base_from_flange), &wanted, &mut report)?;
             let mut velocity = reference.velocity;
             let rates = velocity.0.iter_mut().zip(self.smooth.0.iter_mut().zip(&shift.0));
             let part = -libm::expm1(-seen.dt / SHIFT_TIME);
@@ -312,11 +315,11 @@ impl<const N: usize> Control<N> {
         Ok((next, report))
     }
 
-    /// q_r − q: the path's pose by the base that is, on its own branch.
+    /// q_r − q: the path's pose by the base that is, on its own branch. With the reference, where its joints put the flange.
     fn shifted(
         &mut self,
         arm: &Arm<N>,
-        reference: &Reference<N>,
+        (reference, base_from_flange): (&Reference<N>, &Pose),
         seen: &Seen<'_, N>,
         report: &mut Report,
     ) -> Result<JointPos<N>, ControlError> {
@@ -325,7 +328,7 @@ impl<const N: usize> Control<N> {
         let answer = if seen.nominal_from_base == Pose::identity() && seen.base_from_flange.is_none() {
             Answer { joints, branch: self.branch, margins: None, free: None }
         } else {
-            self.nearest(arm, &(seen.nominal_from_base.inverse() * arm.forward(&joints)), &joints)?
+            self.track(arm, &(seen.nominal_from_base.inverse() * *base_from_flange), &joints)?
         };
         if self.branch.is_some() && self.references.is_some() && answer.branch != self.branch {
             report.changed_branch = answer.branch;
@@ -360,7 +363,13 @@ impl<const N: usize> Control<N> {
             return Ok(JointPos::ZERO);
         };
         let then = references.before(self.settings.dead_time / reference.period);
-        let answer = self.nearest(arm, &base_from_flange, &then)?;
+        let mut seed = then;
+        // What carries the last six joints is where it should be.
+        let carried = N.saturating_sub(6);
+        for (seed, joint) in seed.0.iter_mut().zip(&seen.joints.0).skip(carried) {
+            *seed = *joint;
+        }
+        let answer = self.track(arm, &base_from_flange, &seed)?;
         if answer.branch != self.branch {
             report.other_branch = answer.branch;
             self.closed = false;
@@ -380,17 +389,17 @@ impl<const N: usize> Control<N> {
         self.pid.step(&error, seen.dt, !self.waits).map_err(ControlError::Pid)
     }
 
-    /// Adds what is wanted as far and as fast as the tool may be moved.
+    /// Adds what is wanted as far and as fast as the tool may be moved. With the reference, where its joints put the flange.
     fn bound(
         &mut self,
         arm: &Arm<N>,
-        reference: &Reference<N>,
+        (reference, base_from_flange): (&Reference<N>, &Pose),
         wanted: &JointPos<N>,
         report: &mut Report,
     ) -> Result<(), ControlError> {
         let bounds = self.settings.bounds.of(self.process);
         let tool = self.settings.flange_from_tcp;
-        let planned = arm.forward(&reference.joints) * tool;
+        let planned = *base_from_flange * tool;
         let corrected = arm.forward(&sum(&reference.joints, wanted)) * tool;
         let turned =
             Pose { rotation: corrected.rotation * planned.rotation.transpose(), translation: Vector3::zeros() };
@@ -415,14 +424,16 @@ impl<const N: usize> Control<N> {
         }
         (self.aims, report.held) = (aims, behind);
         let [far, round] = behind;
-        self.added = *wanted;
         if far > EXACT || round > EXACT {
             let [shift, turn] = self.moved.map(|part| Vector3::from(part.offsets().0));
             let turned = Pose::from_rotation_vector(Vector3::zeros(), turn);
             let pose = Pose { rotation: turned.rotation * planned.rotation, translation: planned.translation + shift };
-            let seed = sum(&reference.joints, wanted);
-            let answer = self.nearest(arm, &(pose * tool.inverse()), &seed)?;
+            // By what was added at the last tick it is a small step.
+            let seed = sum(&reference.joints, &self.added);
+            let answer = self.track(arm, &(pose * tool.inverse()), &seed)?;
             self.added = difference(&answer.joints, &reference.joints);
+        } else {
+            self.added = *wanted;
         }
         self.held = if far > LOST_MAX || round > LOST_MAX { self.held + reference.period } else { 0.0 };
         if self.held > bounds.patience {
@@ -432,8 +443,8 @@ impl<const N: usize> Control<N> {
         Ok(())
     }
 
-    fn nearest(&self, arm: &Arm<N>, pose: &Pose, seed: &JointPos<N>) -> Result<Answer<N>, ControlError> {
-        self.family.nearest(arm, pose, seed).map_err(ControlError::Unreachable)
+    fn track(&self, arm: &Arm<N>, pose: &Pose, seed: &JointPos<N>) -> Result<Answer<N>, ControlError> {
+        self.family.track(arm, pose, seed).map_err(ControlError::Unreachable)
     }
 }
 

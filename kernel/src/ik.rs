@@ -7,6 +7,7 @@ pub mod calibrated;
 mod family;
 pub mod gantry;
 pub mod numeric;
+pub mod track;
 pub mod ur;
 pub mod wrist;
 
@@ -267,6 +268,12 @@ struct Beyond {
     joint: usize,
     position: f64,
     by: f64,
+}
+
+impl Beyond {
+    const fn error(self) -> IkError {
+        IkError::Limit { joint: self.joint, position: self.position }
+    }
 }
 
 /// What every inverse asks of its arguments. A NaN or an infinity makes each sum NaN.

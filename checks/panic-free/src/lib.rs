@@ -428,15 +428,15 @@ macro_rules! arm_roots {
                 found.residual(arm, pose)
             }
 
-            /// [`Family::nearest`]
+            /// [`Family::nearest`], [`Family::track`]
             #[unsafe(export_name = concat!("root_family_nearest_", $joints))]
             pub fn family_nearest(
                 family: &Family,
                 arm: &Arm<$joints>,
                 pose: &Pose,
                 seed: &JointPos<$joints>,
-            ) -> (Result<Answer<$joints>, IkError>, &'static str) {
-                (family.nearest(arm, pose, seed), family.name())
+            ) -> ([Result<Answer<$joints>, IkError>; 2], &'static str) {
+                ([family.nearest(arm, pose, seed), family.track(arm, pose, seed)], family.name())
             }
 
             /// [`ik::calibrated::Geometry`] and [`ik::numeric::nearest`], whatever the arm.

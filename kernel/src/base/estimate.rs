@@ -326,7 +326,8 @@ impl Estimate {
                 add(steps.as_flattened_mut(), row.as_flattened(), e);
             }
             covariance.reduce(&rows, &weights);
-            *self = Self { at: seen.at, motion: motion.stepped(&steps), covariance };
+            // Field by field: of a whole the covariance would be copied twice.
+            (self.at, self.motion, self.covariance) = (seen.at, motion.stepped(&steps), covariance);
         }
         Ok(verdict)
     }

@@ -4,6 +4,7 @@ use super::*;
 use crate::arms::ur::UR10E;
 use crate::correction::{Correction, CorrectionLimits};
 use crate::units::{JointAcc, JointVel};
+use std::println;
 use std::vec::Vec;
 
 const H: f64 = 0.002;
@@ -34,6 +35,7 @@ fn settings() -> Settings<6> {
 
 /// An arm that is where it was told to be some ticks ago, but for what bends it, on a base that has moved.
 struct World {
+    arm: Arm<6>,
     control: Control<6>,
     correction: Correction<6>,
     sent: Vec<JointPos<6>>,
@@ -47,8 +49,13 @@ struct World {
 
 impl World {
     fn new(nominal_from_base: Pose) -> Self {
+        Self::of(UR10E, nominal_from_base)
+    }
+
+    fn of(arm: Arm<6>, nominal_from_base: Pose) -> Self {
         Self {
-            control: Control::new(&settings(), Family::of(&UR10E), H).unwrap(),
+            arm,
+            control: Control::new(&settings(), Family::of(&arm), H).unwrap(),
             correction: Correction::none(),
             sent: std::vec![path(0).0; LATE],
             bend: JointPos::ZERO,
@@ -77,11 +84,12 @@ impl World {
         let actual = self.actual();
         let seen = Seen {
             nominal_from_base: self.nominal_from_base,
-            base_from_flange: self.tracked.then(|| UR10E.forward(&actual)),
+            base_from_flange: self.tracked.then(|| self.arm.forward(&actual)),
+            joints: actual,
             drives: &[Drive::RIGID; 6],
             dt: self.dt,
         };
-        let (next, report) = self.control.step(&UR10E, &reference, &seen)?;
+        let (next, report) = self.control.step(&self.arm, &reference, &seen)?;
         self.correction.follow(&next, &LIMITS, H).unwrap_or_else(|error| panic!("{}: {error:?}", self.tick));
         self.sent.push(self.correction.applied_to(&joints));
         Ok(report)
@@ -98,9 +106,9 @@ impl World {
     /// How far the tool is from where the path, a dead time ago, wanted it in the nominal frame (m).
     fn miss(&self) -> f64 {
         let tool = Pose::from_translation(0.0, 0.0, 0.2);
-        let is = self.nominal_from_base * UR10E.forward(&self.actual()) * tool;
+        let is = self.nominal_from_base * self.arm.forward(&self.actual()) * tool;
         let (then, ..) = path((self.tick + 1).saturating_sub(LATE));
-        (is.translation - (UR10E.forward(&then) * tool).translation).norm()
+        (is.translation - (self.arm.forward(&then) * tool).translation).norm()
     }
 }
 
@@ -239,6 +247,7 @@ fn an_estimate_on_another_branch_is_none() {
     let seen = Seen {
         nominal_from_base: world.nominal_from_base,
         base_from_flange: Some(UR10E.forward(&other)),
+        joints: other,
         drives: &[Drive::RIGID; 6],
         dt: H,
     };
@@ -302,4 +311,64 @@ fn a_tick_in_no_time_leaves_the_feedback_as_it_is() {
     world.dt = H;
     world.run(500);
     assert!(world.miss() < 1e-6, "{}", world.miss());
+}
+
+/// A unit whose axis 2 is out of parallel, and one with no closed form beside it.
+fn iterated() -> [Arm<6>; 2] {
+    let (mut unit, mut without) = (UR10E, UR10E);
+    (unit.dh[1].sin_alpha, unit.dh[1].cos_alpha) = libm::sincos(0.01);
+    (without.dh[4].a, without.dh[4].d) = (0.3, 0.1);
+    assert!(matches!((Family::of(&unit), Family::of(&without)), (Family::Calibrated(_), Family::Numeric)));
+    [unit, without]
+}
+
+#[test]
+fn arms_without_a_closed_form_are_led_as_well() {
+    for arm in iterated() {
+        let mut world = World::of(arm, displaced(0.003));
+        world.bend = JointPos([1e-3, -5e-4, 8e-4, 1e-3, -2e-3, 1e-3]);
+        (0..1500).for_each(|_| assert!(world.step().unwrap().closed));
+        assert!(world.miss() < 1e-6, "{}", world.miss());
+    }
+}
+
+/// Joint 5 comes through zero, where the base's turn asks joint 4 for more than any small step: up to there the limits of
+/// corrections are kept, and the tick that would jump is an error instead.
+#[test]
+fn through_a_singularity_nothing_jumps() {
+    for arm in iterated() {
+        let base = displaced(0.002);
+        let (mut control, mut correction) =
+            (Control::new(&settings(), Family::of(&arm), H).unwrap(), Correction::none());
+        let mut joints = JointPos([0.1, -1.2, 1.4, -0.8, 0.3, 0.3]);
+        let mut velocity = JointVel::ZERO;
+        velocity.0[4] = -0.1;
+        let ended = (0..4000).find_map(|_| {
+            joints.0[4] += velocity.0[4] * H;
+            let reference = Reference {
+                joints,
+                velocity,
+                acceleration: JointAcc::ZERO,
+                deposit: false,
+                plays: true,
+                correction,
+                limits: LIMITS,
+                period: H,
+            };
+            let seen =
+                Seen { nominal_from_base: base, base_from_flange: None, joints, drives: &[Drive::RIGID; 6], dt: H };
+            match control.step(&arm, &reference, &seen) {
+                Ok((next, _)) => {
+                    correction.follow(&next, &LIMITS, H).unwrap();
+                    None
+                }
+                Err(error) => Some(error),
+            }
+        });
+        let unreached = |error| matches!(error, IkError::Singular { .. } | IkError::NotConverged { .. });
+        assert!(matches!(ended, Some(ControlError::Unreachable(error)) if unreached(error)), "{ended:?}");
+        // The wrist's singularity of the unit is where joint 5 is straight; that of the other is beside it.
+        assert!(joints.0[4] < 0.3, "{}", joints.0[4]);
+        println!("{}: {} {ended:?}", Family::of(&arm).name(), joints.0[4]);
+    }
 }

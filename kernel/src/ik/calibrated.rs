@@ -19,13 +19,15 @@ mod scan;
 mod search;
 
 use super::numeric::{RESIDUAL_MAX, approach};
-use super::{Answer, Branch, Branches, IkError, Margins, Side, Singularity, check, distance, turned, ur, wrist};
+use super::track::{Tracked, determinant, track, within};
+use super::{
+    Answer, Beyond, Branch, Branches, IkError, Margins, Side, Singularity, check, distance, turned, ur, wrist,
+};
 use crate::arm::Arm;
 use crate::pose::Pose;
 use crate::units::JointPos;
 use core::f64::consts::PI;
-use scan::determinant;
-use search::Search;
+use search::{CLOSE, Search};
 
 /// How much the sines and cosines of α may differ from those of right angles.
 pub const TILT_MAX: f64 = 0.05;
@@ -150,12 +152,37 @@ impl Geometry {
         found.nearest(seed).copied().ok_or(IkError::NotConverged { residual })
     }
 
+    /// The answer on the seed's own branch to which few short steps lead from a seed nearby ([`super::track`]).
+    ///
+    /// # Errors
+    /// [`IkError::NotFinite`], [`IkError::NotRotation`]; where the steps do not shrink as they have to, [`IkError::Singular`] when
+    /// the seed is closer than 0.05 to a singularity and [`IkError::NotConverged`] when it is not; [`IkError::Limit`].
+    pub fn track<const N: usize>(
+        &self,
+        arm: &Arm<N>,
+        base_from_flange: &Pose,
+        seed: &JointPos<N>,
+    ) -> Result<Answer<N>, IkError> {
+        check(base_from_flange, seed)?;
+        let Tracked { joints, determinant } = track(arm, base_from_flange, seed, true).map_err(|residual| {
+            let (singularity, distance) = self.posture(arm, seed).1.nearest();
+            if distance < CLOSE {
+                IkError::Singular { singularity, distance }
+            } else {
+                IkError::NotConverged { residual }
+            }
+        })?;
+        let joints = within(arm, &joints).map_err(Beyond::error)?;
+        let (branch, margins) = self.sides(arm, &joints, determinant);
+        Ok(Answer { joints, branch: Some(branch), margins: Some(margins), free: None })
+    }
+
     fn answer<const N: usize>(
         &self,
         arm: &Arm<N>,
         joints: &JointPos<N>,
         seed: &JointPos<N>,
-    ) -> Result<Answer<N>, super::Beyond> {
+    ) -> Result<Answer<N>, Beyond> {
         let joints = turned(arm, joints, seed)?;
         let (branch, margins) = self.posture(arm, &joints);
         Ok(Answer { joints, branch: Some(branch), margins: Some(margins), free: None })
@@ -176,11 +203,16 @@ impl Geometry {
 
     /// On which branch joints are, and how far from each singularity.
     pub fn posture<const N: usize>(&self, arm: &Arm<N>, joints: &JointPos<N>) -> (Branch, Margins) {
+        self.sides(arm, joints, determinant(&arm.jacobian(joints).1))
+    }
+
+    /// The same by the determinant of the Jacobian of the last six joints.
+    fn sides<const N: usize>(&self, arm: &Arm<N>, joints: &JointPos<N>, determinant: f64) -> (Branch, Margins) {
         let Factors { along, away, elbow, wrist } = self.nominal.factors(arm, joints);
         let mut branch = Branch { shoulder: Side::of(along), elbow: Side::of(elbow), wrist: Side::of(wrist) };
         let mut margins =
             Margins { shoulder: libm::fabs(along) / away, elbow: libm::fabs(elbow), wrist: libm::fabs(wrist) };
-        let product = determinant(&arm.jacobian(joints).1) / self.scale;
+        let product = determinant / self.scale;
         let (nearest, margin) = margins.nearest();
         if margin < NEAR {
             // The factor that makes the product right.

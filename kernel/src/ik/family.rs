@@ -77,4 +77,23 @@ impl Family {
             Self::Numeric => numeric::nearest(arm, base_from_flange, seed),
         }
     }
+
+    /// The answer to a pose a small step away from that of `seed`, in the time that a tick has. Closed forms give the nearest;
+    /// iterated arms the one that a few short steps lead to on the seed's own branch ([`super::track`]), or none. `arm` is the one that
+    /// the family is of.
+    ///
+    /// # Errors
+    /// As the family's own `nearest` or `track`.
+    pub fn track<const N: usize>(
+        &self,
+        arm: &Arm<N>,
+        base_from_flange: &Pose,
+        seed: &JointPos<N>,
+    ) -> Result<Answer<N>, IkError> {
+        match self {
+            Self::Ur(_) | Self::Wrist(_) | Self::Gantry(_) => self.nearest(arm, base_from_flange, seed),
+            Self::Calibrated(geometry) => geometry.track(arm, base_from_flange, seed),
+            Self::Numeric => numeric::track(arm, base_from_flange, seed),
+        }
+    }
 }

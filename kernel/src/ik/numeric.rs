@@ -7,7 +7,8 @@
 //! its work, so joints stay near the seed. An arm of fewer than six reaches only poses of its own: any other is refused with
 //! what is left, position and orientation alike.
 
-use super::{Answer, IkError, Missed, check, distance, turned};
+use super::track;
+use super::{Answer, Beyond, IkError, check, distance, turned};
 use crate::arm::Arm;
 use crate::pose::Pose;
 use crate::units::JointPos;
@@ -57,11 +58,21 @@ pub fn nearest<const N: usize>(
     if residual > RESIDUAL_MAX {
         return Err(IkError::NotConverged { residual });
     }
-    let joints = turned(arm, &joints, seed).map_err(|beyond| {
-        let mut missed = Missed::nothing();
-        missed.limit(beyond);
-        missed.error()
-    })?;
+    let joints = turned(arm, &joints, seed).map_err(Beyond::error)?;
+    Ok(Answer { joints, branch: None, margins: None, free: None })
+}
+
+/// The joints inside the limits to which few short steps lead from a seed nearby ([`super::track`]); six joints stay on the seed's
+/// side of singularities.
+///
+/// # Errors
+/// [`IkError::NotFinite`], [`IkError::NotRotation`]; [`IkError::NotConverged`] when the steps do not shrink as they have to;
+/// [`IkError::Limit`].
+pub fn track<const N: usize>(arm: &Arm<N>, base_from_flange: &Pose, seed: &JointPos<N>) -> Result<Answer<N>, IkError> {
+    check(base_from_flange, seed)?;
+    let tracked = track::track(arm, base_from_flange, seed, N == 6);
+    let joints = tracked.map_err(|residual| IkError::NotConverged { residual })?.joints;
+    let joints = track::within(arm, &joints).map_err(Beyond::error)?;
     Ok(Answer { joints, branch: None, margins: None, free: None })
 }
 
@@ -157,7 +168,7 @@ pub(super) fn between(from: &Pose, to: &Pose) -> Vector6<f64> {
 }
 
 /// The larger of shift and turn.
-fn size(error: &Vector6<f64>) -> f64 {
+pub(super) fn size(error: &Vector6<f64>) -> f64 {
     error.fixed_rows::<3>(0).norm().max(error.fixed_rows::<3>(3).norm())
 }
 

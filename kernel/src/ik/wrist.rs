@@ -107,7 +107,9 @@ impl Geometry {
     ) -> Result<Branches<N>, IkError> {
         check(base_from_flange, seed)?;
         held(arm, seed)?;
-        self.all(arm, &Goal::new(self, arm, base_from_flange, seed), seed)
+        let mut found = Branches::empty();
+        self.all(arm, &Goal::new(self, arm, base_from_flange, seed), seed, |answer| found.push(answer))?;
+        Ok(found)
     }
 
     /// As the free function [`nearest`], for a caller that keeps the geometry.
@@ -129,18 +131,29 @@ impl Geometry {
         {
             return Ok(*answer);
         }
-        let all = self.all(arm, &goal, seed)?;
-        match (guess, all.nearest(seed)) {
-            (Some((answer, far, _)), Some(other)) if far <= distance(&other.joints, seed) => Ok(answer),
-            (_, Some(other)) => Ok(*other),
-            // Never: `all` is not empty.
-            (_, None) => Err(IkError::NotFinite),
-        }
+        let (mut best, mut least) = match guess {
+            Some((answer, far, _)) => (Some(answer), far),
+            None => (None, f64::INFINITY),
+        };
+        self.all(arm, &goal, seed, |answer| {
+            let far = distance(&answer.joints, seed);
+            if far < least {
+                (best, least) = (Some(answer), far);
+            }
+        })?;
+        // Never none: then `all` has said why.
+        best.ok_or(IkError::NotFinite)
     }
 
-    fn all<const N: usize>(&self, arm: &Arm<N>, goal: &Goal, seed: &JointPos<N>) -> Result<Branches<N>, IkError> {
-        let mut found = Branches::empty();
-        let mut missed = Missed::nothing();
+    /// Every branch's answer is given to `found`; an error if there is none.
+    fn all<const N: usize>(
+        &self,
+        arm: &Arm<N>,
+        goal: &Goal,
+        seed: &JointPos<N>,
+        mut found: impl FnMut(Answer<N>),
+    ) -> Result<(), IkError> {
+        let (mut any, mut missed) = (false, Missed::nothing());
         for shoulder in self.shoulders(goal)? {
             let bend = match self.bend(goal, &shoulder) {
                 Ok(bend) => bend,
@@ -155,13 +168,16 @@ impl Geometry {
                 let wrist = self.wrist(goal, &across, &elbow);
                 for wrist in [wrist, wrist.flipped()] {
                     match self.answer(arm, seed, (&shoulder, &elbow, &wrist)) {
-                        Ok(answer) => found.push(answer),
+                        Ok(answer) => {
+                            any = true;
+                            found(answer);
+                        }
                         Err(beyond) => missed.limit(beyond),
                     }
                 }
             }
         }
-        if found.as_slice().is_empty() { Err(missed.error()) } else { Ok(found) }
+        if any { Ok(()) } else { Err(missed.error()) }
     }
 
     /// The branch on whose sides the seed is, how far it is from the seed, and half of the least that any other branch

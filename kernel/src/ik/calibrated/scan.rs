@@ -8,6 +8,7 @@
 
 use crate::arm::Arm;
 use crate::ik::numeric::{between, solve};
+use crate::ik::track::determinant;
 use crate::pose::Pose;
 use crate::units::JointPos;
 use nalgebra::{SMatrix, Vector6};
@@ -212,36 +213,4 @@ impl<const N: usize> Scan<'_, N> {
         let lower = if libm::fabs(a.value) < libm::fabs(b.value) { a } else { b };
         found(&lower.joints);
     }
-}
-
-/// The determinant of the columns of the last six joints, by Gaussian elimination with the largest pivot of each.
-pub(super) fn determinant<const N: usize>(jacobian: &SMatrix<f64, 6, N>) -> f64 {
-    let mut columns = [[0.0; 6]; 6];
-    for (to, from) in columns.iter_mut().zip(jacobian.data.0.iter().skip(N.saturating_sub(6))) {
-        *to = *from;
-    }
-    let at = |column: &[f64; 6], row: usize| column.get(row).copied().unwrap_or(0.0);
-    let (mut product, mut rest) = (1.0, columns.as_mut_slice());
-    for row in 0..6 {
-        let Some((pivot, others)) = rest.split_first_mut() else { break };
-        for other in others.iter_mut() {
-            if libm::fabs(at(other, row)) > libm::fabs(at(pivot, row)) {
-                core::mem::swap(pivot, other);
-                product = -product;
-            }
-        }
-        let largest = at(pivot, row);
-        product *= largest;
-        if largest == 0.0 {
-            break;
-        }
-        for other in others.iter_mut() {
-            let share = at(other, row) / largest;
-            for (entry, pivot) in other.iter_mut().zip(pivot.iter()) {
-                *entry -= share * pivot;
-            }
-        }
-        rest = others;
-    }
-    product
 }

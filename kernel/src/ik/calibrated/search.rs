@@ -15,7 +15,7 @@ const SAME: f64 = 1e-4;
 /// Answers on two branches nearer than this are one.
 const SAME_OF_TWO: f64 = 1e-9;
 /// Margin below which an answer that is not one says which singularity it is that keeps the unit from the pose.
-const CLOSE: f64 = 0.05;
+pub(super) const CLOSE: f64 = 0.05;
 /// How far (rad) an answer may be from where the curve's value is zero, to lie on it.
 const ON_CURVE: f64 = 1e-3;
 /// Poses beside the goal that start parts of a circle, and by how much they are beside it: turn (rad), shift (m).
