@@ -12,7 +12,7 @@ mod ending;
 
 use cortex_m_rt::entry;
 use cortex_m_semihosting::debug::EXIT_SUCCESS;
-use cortex_m_semihosting::{hprint, hprintln, syscall1};
+use cortex_m_semihosting::{hprintln, syscall1};
 use ending::end;
 use screed_tape::vectors::climb::Climb;
 use screed_tape::vectors::{ARMS, COURSES, Call, Class, Course, Edge, RANDOM_COURSES};
@@ -126,9 +126,8 @@ fn search(rounds: u32, seed: u64, arms: &str) {
 }
 
 fn told(call: &Call, course: &Course) {
-    hprint!("worse|{}|{}|{}|", ARMS.get(call.arm).unwrap_or(&""), call.class.name(), call.count);
-    course.0.iter().for_each(|byte| hprint!("{:02x}", byte));
-    hprintln!("|{}", call.tick);
+    let arm = ARMS.get(call.arm).unwrap_or(&"");
+    hprintln!("worse|{}|{}|{}|{}|{}", arm, call.class.name(), call.count, course, call.tick);
 }
 
 /// What the emulator was given as arguments.
