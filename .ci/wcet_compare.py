@@ -6,6 +6,7 @@ measured (.ci/wcet_coverage).
 import json, os, sys, tomllib
 
 LARGER = 1.02
+PAGE = "docs/wcet.md"
 
 
 def counted(folder):
@@ -99,6 +100,33 @@ def text(figures):
     return "\n".join(out) + "\n"
 
 
+def page(figures):
+    """What docs/wcet.md shows of the figures, by the name of its marks."""
+    arm = "UR10e (closed form)"
+    rows = [f"| {what} | {row['max']:,} | {figures['cortex_m7'][arm][what]['max']:,} |" for what, row in figures["x86_64"][arm].items()]
+    table = ["| class | x86-64 | Cortex-M7 |", "| --- | --- | --- |", *rows]
+    bound = lambda target, joints: f"{figures['stack'][target][f'root_loop_tick_{joints}']['bound']:,}"
+    branches, lines = figures["coverage"]["branches"], figures["coverage"]["lines"]
+    stack = (f"Stack: at most {bound('x86-64', 6)} bytes for a tick with the loop and six joints on x86-64, {bound('Cortex-M7', 6)} on the Cortex-M7; "
+             f"with nine joints {bound('x86-64', 9)} and {bound('Cortex-M7', 9)}. Painted on the Cortex-M7, all arms: "
+             f"{max(figures['cortex_m7_painted'].values()):,}.")
+    coverage = (f"The courses run {branches[0]:,} of {branches[1]:,} branch sides of the kernel and {lines[0]:,} of {lines[1]:,} lines "
+                "(`.ci/wcet_coverage`).")
+    return {"table": "\n".join(table), "stack": f"{stack}\n\n{coverage}"}
+
+
+def with_figures(text, figures):
+    """The page with what it has to show between its marks."""
+    for name, block in page(figures).items():
+        begin, end = f"<!-- figures: {name} -->\n", f"\n<!-- end of {name} -->"
+        before, _, rest = text.partition(begin)
+        _, found, after = rest.partition(end)
+        if not found:
+            sys.exit(f"docs/wcet.md has no marks {begin.strip()} … {end.strip()}")
+        text = before + begin + block + end + after
+    return text
+
+
 def main(file, folder, mode="check", reason=None):
     old = tomllib.load(open(file, "rb"))
     new = counted(folder)
@@ -106,8 +134,12 @@ def main(file, folder, mode="check", reason=None):
         keep_reasons(old, new, reason)
         written = text(new)
         open(file, "w").write(written)
+        shown = open(PAGE).read()
+        open(PAGE, "w").write(with_figures(shown, new))
         return
     wrong = differences(old, new)
+    if open(PAGE).read() != with_figures(open(PAGE).read(), old):
+        wrong.append(f"{PAGE} shows other figures than {file}")
     for line in wrong:
         print(line, file=sys.stderr)
     if wrong:

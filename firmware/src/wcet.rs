@@ -1,5 +1,6 @@
 //! Runs the courses of the worst case on a Cortex-M7 with double precision: for each arm and class the fewest and the most instructions
-//! of a call, and how deep the stack gets.
+//! of a call, and how deep the stack gets. With the argument `search ROUNDS SEED ARMS` (`.ci/wcet search`) it looks for worse courses
+//! instead: hill climbs from the committed ones, and as many random courses.
 //!
 //! Runs in QEMU: `.ci/wcet` builds and starts it. With `-icount shift=6` an instruction takes 64 ns of virtual time, so a 25 MHz
 //! timer makes 1.6 steps an instruction and counts instructions exactly, those few that read it included. SysTick wraps after ten
@@ -11,8 +12,9 @@ mod ending;
 
 use cortex_m_rt::entry;
 use cortex_m_semihosting::debug::EXIT_SUCCESS;
-use cortex_m_semihosting::hprintln;
+use cortex_m_semihosting::{hprintln, syscall1};
 use ending::end;
+use screed_tape::vectors::climb::Climb;
 use screed_tape::vectors::{ARMS, COURSES, Call, Class, Course, Edge, RANDOM_COURSES};
 
 /// The first timer of the board (CMSDK APB timer): control, value that counts down, value to begin again with.
@@ -40,13 +42,16 @@ const NONE: Seen = Seen { vectors: 0, min: u64::MAX, max: 0, course: 0, tick: 0 
 #[entry]
 fn main() -> ! {
     start_timer();
+    let mut line = [0; 128];
+    let mut words = arguments(&mut line).split_ascii_whitespace().skip_while(|word| *word != "search").skip(1);
+    if let Some(rounds) = words.next().and_then(|word| word.parse().ok()) {
+        let seed = words.next().and_then(|word| word.parse().ok()).unwrap_or(0);
+        search(rounds, seed, words.next().unwrap_or("01234567"));
+        end(EXIT_SUCCESS)
+    }
     let mut seen = [[NONE; Class::ALL.len()]; ARMS.len()];
     for index in 0..COURSES {
-        Course::of(index).run(&mut |_: Edge| u64::from(timer()), &mut |call| {
-            // The timer counts down and wraps.
-            let steps = 0_u32.wrapping_sub(call.count as u32);
-            take(&mut seen, index, call, u64::from(steps) * 5 / 8);
-        });
+        count(&Course::of(index), &mut |call| take(&mut seen, index, call));
     }
     for (arm, classes) in ARMS.iter().zip(&seen) {
         for (class, seen) in Class::ALL.iter().zip(classes) {
@@ -78,13 +83,60 @@ fn main() -> ! {
     end(EXIT_SUCCESS)
 }
 
-fn take(seen: &mut [[Seen; Class::ALL.len()]; ARMS.len()], course: u32, call: &Call, count: u64) {
+/// Runs a course; counts are instructions.
+fn count(course: &Course, sink: &mut impl FnMut(&Call)) {
+    course.run(&mut |_: Edge| u64::from(timer()), &mut |call| {
+        // The timer counts down and wraps.
+        let steps = 0_u32.wrapping_sub(call.count as u32);
+        sink(&Call { count: u64::from(steps) * 5 / 8, ..*call });
+    });
+}
+
+fn take(seen: &mut [[Seen; Class::ALL.len()]; ARMS.len()], course: u32, call: &Call) {
     let Some(seen) = seen.get_mut(call.arm).and_then(|classes| classes.get_mut(call.class as usize)) else { return };
     seen.vectors += 1;
-    seen.min = u64::min(seen.min, count);
-    if count > seen.max {
-        (seen.max, seen.course, seen.tick) = (count, course, call.tick);
+    seen.min = u64::min(seen.min, call.count);
+    if call.count > seen.max {
+        (seen.max, seen.course, seen.tick) = (call.count, course, call.tick);
     }
+}
+
+/// Looks for worse courses of these arms, each a digit; every one that is worse is a line `worse|arm|class|instructions|course|tick`.
+fn search(rounds: u32, seed: u64, arms: &str) {
+    let arms = || arms.bytes().map(|digit| usize::from(digit.wrapping_sub(b'0'))).filter(|arm| *arm < ARMS.len());
+    let mut climb = Climb::new(seed);
+    for course in (0..COURSES).map(Course::of).filter(|course| arms().any(|arm| arm == course.arm())) {
+        count(&course, &mut |call| climb.take(&course, call));
+    }
+    for round in 0..rounds {
+        for arm in arms() {
+            for class in Class::ALL {
+                for course in [climb.beside(arm, class), climb.any(arm)] {
+                    count(&course, &mut |call| {
+                        if climb.worst(call.arm, call.class).is_none_or(|worst| call.count > worst.count) {
+                            climb.take(&course, call);
+                            told(call, &course);
+                        }
+                    });
+                }
+            }
+        }
+        hprintln!("round|{}", round + 1);
+    }
+}
+
+fn told(call: &Call, course: &Course) {
+    let arm = ARMS.get(call.arm).unwrap_or(&"");
+    hprintln!("worse|{}|{}|{}|{}|{}", arm, call.class.name(), call.count, course, call.tick);
+}
+
+/// What the emulator was given as arguments.
+fn arguments(line: &mut [u8; 128]) -> &str {
+    let mut block = [line.as_mut_ptr() as usize, line.len()];
+    // SAFETY: the emulator writes at most as many bytes as the block says to where it says, and the length into the block.
+    let refused = unsafe { syscall1!(GET_CMDLINE, block.as_mut_ptr()) };
+    let length = if refused == 0 { block[1] } else { 0 };
+    line.get(..length).and_then(|bytes| core::str::from_utf8(bytes).ok()).unwrap_or("").trim_end_matches('\0')
 }
 
 fn start_timer() {

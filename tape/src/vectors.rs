@@ -85,7 +85,7 @@ pub enum Class {
     Burst,
     /// A tick in which the filter went back for a pose that came late.
     Replay,
-    /// A tick in which a fault was found or stood, with at most as many poses as usual.
+    /// A tick in which a fault was found or stood, with at most as many poses as usual and no replay.
     Fault,
     /// Bytes of the host taken between two ticks.
     Frames,
@@ -177,6 +177,26 @@ impl Course {
         }
     }
 
+    /// The course of a name: two hexadecimal digits a byte.
+    pub const fn named(name: &str) -> Option<Self> {
+        let digits = name.as_bytes();
+        if digits.len() != 2 * GENES {
+            return None;
+        }
+        let mut genes = [0; GENES];
+        let mut at = 0;
+        while at < 2 * GENES {
+            let digit = match digits[at] {
+                digit @ b'0'..=b'9' => digit - b'0',
+                digit @ b'a'..=b'f' => digit - b'a' + 10,
+                _ => return None,
+            };
+            genes[at / 2] = genes[at / 2] << 4 | digit;
+            at += 1;
+        }
+        Some(Self(genes))
+    }
+
     /// A random course of one arm, by its number.
     pub fn of_arm(arm: usize, number: u32) -> Self {
         let mut course = Self::random(&mut Random(!SEED ^ (u64::from(number) << 32)));
@@ -206,6 +226,13 @@ impl Course {
     }
 }
 
+/// Its name.
+impl core::fmt::Display for Course {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     extern crate std;
@@ -222,16 +249,30 @@ mod tests {
             let ran = Course::of(index).run(&mut |_| 0, &mut |call| {
                 *classes.entry((call.arm, call.class)).or_insert(0) += 1;
             });
-            played += u32::from(ran);
+            played += u32::from(ran && index < RANDOM_COURSES * ARMS.len() as u32);
         }
         let ticks: u32 = classes.iter().filter(|((_, class), _)| class.is_tick()).map(|(_, count)| count).sum();
         println!("{COURSES} courses, {played} played, {ticks} ticks: {classes:?}");
         assert!(ticks >= 10_000, "{ticks}");
-        assert!(played * 10 >= COURSES * 6, "{played} of {COURSES} courses play their path");
+        let random = RANDOM_COURSES * ARMS.len() as u32;
+        assert!(played * 10 >= random * 6, "{played} of {random} random courses play their path");
         for (arm, name) in ARMS.iter().enumerate() {
             for class in Class::ALL {
                 assert!(classes.contains_key(&(arm, class)), "{name}: no {}", class.name());
             }
+        }
+    }
+
+    #[test]
+    fn a_name_leads_back_to_its_course() {
+        for index in 0..COURSES {
+            let course = Course::of(index);
+            assert_eq!(Course::named(&std::format!("{course}")), Some(course));
+        }
+        let long = "0".repeat(2 * GENES + 2);
+        let strange = "+1".repeat(GENES);
+        for broken in ["", "00", "zz", &long, &strange] {
+            assert_eq!(Course::named(broken), None, "{broken}");
         }
     }
 

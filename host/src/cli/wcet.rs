@@ -11,6 +11,7 @@ use screed_tape::vectors::{COURSES, Course};
 use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
+use std::time::Instant;
 
 /// Reports how long a cycle can take.
 ///
@@ -36,8 +37,9 @@ pub fn run(args: &WcetArgs) -> Result<(), Failure> {
     // Before anything is measured: a folder that cannot be written is told at once.
     fs::create_dir_all(&args.out).map_err(|error| unwritable(&args.out, &error))?;
     let mut raw = String::new();
+    let began = Instant::now();
     let report = run::run(&wishes, &mut raw, &mut |what| {
-        let _ = writeln!(io::stderr(), "{what}");
+        let _ = writeln!(io::stderr(), "{:>5} s  {what}", began.elapsed().as_secs());
     })?;
     let json = serde_json::to_string_pretty(&report)
         .map_err(|error| Failure::new(Exit::Failed, error.to_string(), "report this"))?;

@@ -10,7 +10,7 @@ mod pareto;
 mod tests_of;
 
 pub use pareto::Pareto;
-pub use tests_of::Test;
+pub use tests_of::{Test, words};
 
 use serde::Serialize;
 

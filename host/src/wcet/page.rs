@@ -11,8 +11,8 @@ h3{font-size:1em;margin:1.4em 0 .4em}table{border-collapse:collapse;margin:.6em 
 td,th{padding:.25em .7em;text-align:right;border-bottom:1px solid #e9ecf0;vertical-align:top}th{color:#5b6472;font-weight:600}\
 td:first-child,th:first-child,td.l,th.l{text-align:left}.wide{overflow-x:auto}code,.m{font-family:ui-monospace,Menlo,monospace;font-size:.86em;\
 overflow-wrap:anywhere}.no{color:#b3261e;font-weight:700}.yes{color:#2a7a4b;font-weight:700}.note{color:#5b6472;font-size:.92em}\
-.big{display:flex;flex-wrap:wrap;gap:.8em;margin:1.2em 0}.big div{border:1px solid #d6dae0;border-radius:6px;padding:.6em 1em;flex:1 1 170px}\
-.big b{display:block;font-size:1.3em}.big span{color:#5b6472;font-size:.85em}svg{max-width:100%;height:auto}\
+.big{display:flex;flex-wrap:wrap;gap:.8em;margin:1.2em 0}.big div{border:1px solid #d6dae0;border-radius:6px;padding:.6em 1em;flex:1 1 140px}\
+.big b{display:block;font-size:1.3em}.big span{color:#5b6472;font-size:.85em}svg{max-width:100%;height:auto}.wide svg{min-width:640px}td,th{white-space:nowrap}td.l{white-space:normal}\
 details{margin:.6em 0}summary{cursor:pointer;color:#1f6fb4}nav a{margin-right:1em;white-space:nowrap}";
 
 /// The page.
@@ -54,6 +54,7 @@ fn escaped(text: &str) -> String {
 fn table(head: &[&str], rows: &[Vec<String>], left: usize) -> String {
     let class = |k: usize| if k < left { " class=\"l\"" } else { "" };
     let mut out = "<div class=\"wide\"><table><tr>".to_owned();
+    let head = if head.iter().all(|cell| cell.is_empty()) { &[] } else { head };
     for (k, cell) in head.iter().enumerate() {
         out += &format!("<th{}>{cell}</th>", class(k));
     }

@@ -1,6 +1,6 @@
 //! Everything that is measured, put together. The order of the fields is that of the page.
 
-use super::counts::{self, Counted};
+use super::counts::Counted;
 use super::evt::Evt;
 use super::figures::Figures;
 use super::machine::Machine;
@@ -49,12 +49,16 @@ pub struct Instructions {
 pub struct Margin {
     /// Of what.
     pub what: String,
-    /// The largest seen (ns).
+    /// The largest seen under the stall rule (ns).
     pub largest_ns: u64,
+    /// The largest seen of all (ns).
+    pub largest_with_stalls_ns: u64,
     /// The factor.
     pub factor: f64,
-    /// Budget over largest times factor, for each of [`BUDGETS_NS`].
+    /// Budget over largest times factor, for each of [`BUDGETS_NS`], under the stall rule.
     pub margins: [f64; 3],
+    /// The same with stalls.
+    pub margins_with_stalls: [f64; 3],
 }
 
 /// A row of the loops' list.
@@ -136,8 +140,10 @@ pub struct CycleInstructions {
     pub mean: f64,
     /// The most.
     pub max: u64,
-    /// Which one that was.
+    /// Which one that was, counted from the first of the demo's print.
     pub worst: usize,
+    /// The most, times [`CYCLES_PER_INSTRUCTION`].
+    pub cycles_at: [u64; 3],
 }
 
 impl CycleInstructions {
@@ -145,7 +151,14 @@ impl CycleInstructions {
     pub fn of(counts: &[u64]) -> Option<Self> {
         let (worst, max) = counts.iter().copied().enumerate().max_by_key(|(_, count)| *count)?;
         let mean = counts.iter().sum::<u64>() as f64 / counts.len() as f64;
-        Some(Self { cycles: counts.len(), min: counts.iter().copied().min()?, mean, max, worst })
+        Some(Self {
+            cycles: counts.len(),
+            min: counts.iter().copied().min()?,
+            mean,
+            max,
+            worst,
+            cycles_at: CYCLES_PER_INSTRUCTION.map(|cycles| cycles * max),
+        })
     }
 }
 
@@ -165,7 +178,7 @@ pub fn instructions(counted: &[Counted], courses: &[Course]) -> Vec<Instructions
                 min: mine().map(|counted| counted.call.count).min().unwrap_or(0),
                 mean: mine().map(|counted| counted.call.count).sum::<u64>() as f64 / vectors as f64,
                 max: worst.call.count,
-                worst: format!("{} tick {}", counts::hex(&worst.course), worst.call.tick),
+                worst: format!("{} tick {}", worst.course, worst.call.tick),
                 course: number.and_then(|number| u32::try_from(number).ok()),
                 cycles: CYCLES_PER_INSTRUCTION.map(|cycles| cycles * worst.call.count),
             });
@@ -188,9 +201,16 @@ pub fn loops() -> Vec<LoopBound> {
 }
 
 /// A budget over the largest time and the factor.
-pub fn margin(what: &str, largest_ns: u64) -> Margin {
-    let margins = BUDGETS_NS.map(|budget| budget as f64 / (largest_ns as f64 * MARGIN_FACTOR));
-    Margin { what: what.to_owned(), largest_ns, factor: MARGIN_FACTOR, margins }
+pub fn margin(what: &str, largest_ns: u64, largest_with_stalls_ns: u64) -> Margin {
+    let margins = |largest: u64| BUDGETS_NS.map(|budget| budget as f64 / (largest as f64 * MARGIN_FACTOR));
+    Margin {
+        what: what.to_owned(),
+        largest_ns,
+        largest_with_stalls_ns,
+        factor: MARGIN_FACTOR,
+        margins: margins(largest_ns),
+        margins_with_stalls: margins(largest_with_stalls_ns),
+    }
 }
 
 #[cfg(test)]

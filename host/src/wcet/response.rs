@@ -32,6 +32,8 @@ pub struct Response {
     pub cycles: usize,
     /// Answers later than a period after they were due.
     pub misses: usize,
+    /// Cycles that fell due while a late one still ran, and were passed over: they are not among `cycles`.
+    pub passed_over: u64,
     /// The probability of a miss is below this with 95 % confidence, were cycles independent.
     pub miss_probability_at_most: f64,
 }
@@ -112,6 +114,7 @@ impl Response {
             response: summary("response", |parts| parts.response)?,
             cycles: parts.len(),
             misses,
+            passed_over: parts.iter().map(|parts| parts.response.div_ceil(period_ns).saturating_sub(1)).sum(),
             miss_probability_at_most: at_most(misses, parts.len()),
         })
     }
@@ -157,7 +160,7 @@ mod tests {
         let part = |response| Parts { wake_up: 1, cycle: 1, input_output: 1, response };
         let parts: Vec<Parts> = [999_999, 1_000_000, 1_000_001, 90_000_000].map(part).to_vec();
         let response = Response::of(1_000_000, &parts).unwrap();
-        assert_eq!((response.cycles, response.misses), (4, 2));
+        assert_eq!((response.cycles, response.misses, response.passed_over), (4, 2, 90));
         assert_eq!(response.response.stalls, 2);
     }
 }

@@ -32,8 +32,8 @@ pub struct Wishes {
 
 /// How much of everything.
 struct Amount {
-    timed_courses: u32,
-    cold_courses: u32,
+    timed_courses: usize,
+    cold_courses: usize,
     cycles: usize,
     counted_cycles: usize,
     repeats: usize,
@@ -53,7 +53,7 @@ const FULL: Amount = Amount {
 
 const QUICK: Amount = Amount {
     timed_courses: 60,
-    cold_courses: 12,
+    cold_courses: 24,
     cycles: 6000,
     counted_cycles: 1000,
     repeats: 2000,
@@ -132,8 +132,11 @@ fn timed(
         say(&format!("times: {}", condition.name()));
         let cold = matches!(condition, Condition::Cold | Condition::ColdBranches);
         let count = if cold { amount.cold_courses } else { amount.timed_courses };
-        // The first arm alone: the others differ in what they count, and that is counted.
-        let courses: Vec<Course> = (0..count).map(|index| Course::of_arm(0, index)).collect();
+        // The first arm alone: the others differ in what they count, and that is counted. The committed ones with the worst known, then
+        // others.
+        let committed = (0..COURSES).map(Course::of).filter(|course| course.arm() == 0);
+        let others = (0..).map(|index| Course::of_arm(0, index));
+        let courses: Vec<Course> = committed.chain(others).take(count).collect();
         let samples = times::measure(&courses, condition, wishes.realtime.cpu)?;
         for sample in &samples {
             line(raw, "tick", condition, sample);
@@ -169,7 +172,7 @@ fn repeated(worst: &Counted, count: usize, raw: &mut String) -> EvtOf {
         line(raw, "repeated tick", Condition::Warm, &sample);
     }
     let samples: Vec<f64> = times.iter().map(|ns| *ns as f64).collect();
-    let what = format!("the tick with the most instructions of {} (ns), warm, {count} times in a row", ARMS[0]);
+    let what = format!("the tick with the most instructions of {}, warm, {count} times in a row", ARMS[0]);
     EvtOf { what, evt: Evt::of(&samples) }
 }
 
@@ -191,30 +194,31 @@ fn paced(amount: &Amount, wishes: &Wishes, raw: &mut String, say: &mut impl FnMu
         }
         responses.extend(Response::of(period, &parts));
         let samples: Vec<f64> = parts.iter().map(|parts| parts.response as f64).collect();
-        let what = format!("response every {} ms (ns)", period / 1_000_000);
+        let what = format!("response every {} ms", period / 1_000_000);
         evt.push(EvtOf { what, evt: Evt::of(&samples) });
     }
-    let stamp = if scheduling.realtime { "real time".to_owned() } else { format!("NON-RT: {}", scheduling.note) };
+    let stamp = if scheduling.realtime { "hard-timed".to_owned() } else { format!("NON-RT: {}", scheduling.note) };
     Ok((stamp, responses, evt))
 }
 
-/// Of the largest tick, cycle and response: stalls included.
+/// Of the largest tick, cycle and response, under the stall rule and with stalls.
 fn margins(times: &[Summary], responses: &[Response]) -> Vec<report::Margin> {
     let mut margins = Vec::new();
     for condition in Condition::ALL {
-        let mine = || times.iter().filter(|summary| summary.condition == condition);
-        let ticks = mine().filter(|summary| summary.what != "whole cycle").map(|summary| summary.max_ns).max();
-        let cycle = mine().find(|summary| summary.what == "whole cycle").map(|summary| summary.max_ns);
-        for (what, largest) in [("tick", ticks), ("whole cycle", cycle)] {
-            margins.extend(largest.map(|ns| report::margin(&format!("{what}, {}", condition.name()), ns)));
+        for (what, whole) in [("tick", false), ("whole cycle", true)] {
+            let mine = || {
+                let mine = times.iter().filter(|summary| summary.condition == condition);
+                mine.filter(|summary| (summary.what == "whole cycle") == whole)
+            };
+            let largest = mine().map(|summary| summary.max_ns).max();
+            let of_all = mine().map(|summary| summary.max_with_stalls_ns).max();
+            let what = format!("{what}, {}", condition.name());
+            margins.extend(largest.zip(of_all).map(|(largest, of_all)| report::margin(&what, largest, of_all)));
         }
     }
-    for response in responses {
-        let ms = response.period_ns / 1_000_000;
-        margins
-            .push(report::margin(&format!("response every {ms} ms, under the stall rule"), response.response.max_ns));
-        let all = response.response.max_with_stalls_ns;
-        margins.push(report::margin(&format!("response every {ms} ms, stalls included"), all));
+    for Response { period_ns, response, .. } in responses {
+        let what = format!("response every {} ms", period_ns / 1_000_000);
+        margins.push(report::margin(&what, response.max_ns, response.max_with_stalls_ns));
     }
     margins
 }

@@ -33,9 +33,11 @@ pub struct Found {
     pub random: u64,
     /// The most that the climb came to.
     pub climbed: u64,
-    /// After each round.
+    /// The most that the climb had come to after each round.
     pub rounds: Vec<u64>,
-    /// The course and its tick.
+    /// The most of the random courses after each round.
+    pub random_rounds: Vec<u64>,
+    /// The course that took the most of all, and its tick.
     pub worst: String,
 }
 
@@ -63,7 +65,7 @@ pub fn search(known: &[Counted], effort: Effort, mut say: impl FnMut(&str)) -> R
     let aims: Vec<(usize, Class)> =
         (0..effort.arms.min(ARMS.len())).flat_map(|arm| classes().map(move |class| (arm, class))).collect();
     let before: Vec<u64> = aims.iter().map(|(arm, class)| most(&climb, *arm, *class)).collect();
-    let mut rounds = vec![Vec::new(); aims.len()];
+    let mut rounds = vec![(Vec::new(), Vec::new()); aims.len()];
     let mut tried = 0;
     for round in 0..effort.rounds {
         let mut courses: Vec<Course> = Vec::new();
@@ -78,32 +80,31 @@ pub fn search(known: &[Counted], effort: Effort, mut say: impl FnMut(&str)) -> R
         for counted in counts::count(&others)? {
             random.take(&counted.course, &counted.call);
         }
-        for ((arm, class), rounds) in aims.iter().zip(&mut rounds) {
-            rounds.push(most(&climb, *arm, *class));
+        for ((arm, class), (climbed, chance)) in aims.iter().zip(&mut rounds) {
+            climbed.push(most(&climb, *arm, *class));
+            chance.push(most(&random, *arm, *class));
         }
         say(&format!("search: round {} of {}, {tried} courses and as many random ones", round + 1, effort.rounds));
     }
-    for (arm, class) in &aims {
-        if let Some(worst) = climb.worst(*arm, *class).filter(|worst| !known.iter().any(|k| k.course == worst.course)) {
-            say(&format!(
-                "search: {}, {}: {} by {}",
-                ARMS[*arm],
-                class.name(),
-                worst.count,
-                counts::hex(&worst.course)
-            ));
+    let worst = |(arm, class): &(usize, Class)| {
+        let both = [climb.worst(*arm, *class), random.worst(*arm, *class)];
+        both.into_iter().flatten().max_by_key(|worst| worst.count)
+    };
+    for (aim, before) in aims.iter().zip(&before) {
+        if let Some(worst) = worst(aim).filter(|worst| worst.count > *before) {
+            let (arm, class) = (ARMS[aim.0], aim.1.name());
+            say(&format!("search: {arm}, {class}: {} instead of {before}, by {}", worst.count, worst.course));
         }
     }
-    let found = aims.iter().zip(before).zip(rounds).map(|(((arm, class), before), rounds)| Found {
-        arm: ARMS[*arm],
-        class: class.name(),
+    let found = aims.iter().zip(before).zip(rounds).map(|((aim, before), (rounds, random_rounds))| Found {
+        arm: ARMS[aim.0],
+        class: aim.1.name(),
         before,
-        random: most(&random, *arm, *class),
-        climbed: most(&climb, *arm, *class),
+        random: most(&random, aim.0, aim.1),
+        climbed: most(&climb, aim.0, aim.1),
         rounds,
-        worst: climb
-            .worst(*arm, *class)
-            .map_or(String::new(), |worst| format!("{} tick {}", counts::hex(&worst.course), worst.tick)),
+        random_rounds,
+        worst: worst(aim).map_or(String::new(), |worst| format!("{} tick {}", worst.course, worst.tick)),
     });
     Ok(Search { courses: tried, found: found.collect() })
 }

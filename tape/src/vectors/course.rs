@@ -293,9 +293,13 @@ impl<const N: usize> Machine<'_, N> {
             let before = meter(Edge::Before);
             let (command, report) = measured::closed(around, &mut self.kernel, self.now, robot, poses);
             let count = meter(Edge::After).wrapping_sub(before);
+            // A base that is beyond its bounds or a filter that fails keeps no account of what was done before: it went back if the pose
+            // that the filter is told, the last, is from before the tick before this.
+            let late = poses.last().is_some_and(|pose| pose.at.plus(TICK_NS) <= self.now);
             let replayed = match report.estimated {
-                Some(Ok(estimated)) => estimated.filter.is_ok_and(|filter| filter.replayed > 0),
-                _ => false,
+                Some(Ok(estimated)) => estimated.filter.map_or(late, |filter| filter.replayed > 0),
+                Some(Err(_)) => late,
+                None => false,
             };
             let class = match (replayed, robot.rates.is_some(), poses.is_empty()) {
                 (true, _, _) => Class::Replay,

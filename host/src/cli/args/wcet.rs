@@ -14,7 +14,7 @@ pub struct WcetArgs {
     /// The processor to measure on, instead of the cell file's
     #[arg(long, value_name = "N")]
     pub cpu: Option<usize>,
-    /// Fewer samples and a short search: two or three minutes
+    /// Fewer samples and a short search: about two minutes on an idle machine
     #[arg(long)]
     pub quick: bool,
     /// Rounds of the search for the worst input

@@ -33,8 +33,17 @@ impl Test {
     /// The test in words, for a refusal.
     pub fn words(&self) -> String {
         let Self { name, statistic, probability, .. } = self;
-        let probability = probability.map_or(String::new(), |p| format!(", p = {p:.2e}"));
+        let probability = probability.map_or(String::new(), |p| format!(", p {}", words(p)));
         format!("{name}: {statistic:.4}{probability}")
+    }
+}
+
+/// A probability with its relation, as one reads it.
+pub fn words(probability: f64) -> String {
+    match probability {
+        p if p < 1e-99 => "< 1e-99".to_owned(),
+        p if p < 1e-3 => format!("= {p:.0e}"),
+        p => format!("= {p:.3}"),
     }
 }
 

@@ -132,29 +132,42 @@ pub fn ranges(rows: &[&Instructions]) -> String {
     out + "</svg>\n"
 }
 
-/// How far each climb got, as a share of the worst before it.
+/// How far each climb got, and how far chance alone, as a share of the committed worst: a small drawing for each class.
 pub fn climbs(found: &[&Found]) -> String {
     let rounds = found.iter().map(|found| found.rounds.len()).max().unwrap_or(0) as f64;
-    let share = |found: &Found, value: u64| value as f64 / found.before.max(1) as f64;
-    let most = found.iter().map(|found| share(found, found.climbed)).fold(1.01, f64::max);
-    let axes = Axes { page: PAGE, x: [0.0, rounds.max(1.0)], y: [0.98, 1.0 + 1.1 * (most - 1.0)] };
-    let mut out = svg::open(WIDTH, HEIGHT);
-    axes.draw(&mut out, "", "largest over committed largest");
+    let lines = found.len().div_ceil(4);
+    let mut out = svg::open(WIDTH, 190.0 * lines as f64 + 24.0);
     for (k, found) in found.iter().enumerate() {
-        let colour = COLOURS[k % COLOURS.len()];
-        let mut points = vec![axes.at(0.0, 1.0)];
-        points.extend((1..).zip(&found.rounds).map(|(round, value)| axes.at(f64::from(round), share(found, *value))));
-        svg::polyline(&mut out, &points, colour, 1.8);
-        legend(&mut out, [PAGE[0] + 8.0 + 108.0 * k as f64, HEIGHT - 12.0], colour, found.class);
+        let share = |value: u64| value as f64 / found.before.max(1) as f64;
+        let all = || found.rounds.iter().chain(&found.random_rounds).map(|value| share(*value));
+        let (low, high) = (all().fold(0.95, f64::min), all().fold(1.05, f64::max));
+        let room = 0.05 * (high - low);
+        let corner = [52.0 + 212.0 * (k % 4) as f64, 26.0 + 190.0 * (k / 4) as f64];
+        let page = [corner[0], corner[1], 150.0, 116.0];
+        let axes = Axes { page, x: [0.0, rounds.max(1.0)], y: [low - room, high + room] };
+        axes.draw(&mut out, if k / 4 + 1 == lines { "round" } else { "" }, "");
+        svg::text(&mut out, [corner[0], corner[1] - 8.0], "start", "font-weight=\"600\"", found.class);
+        svg::polyline(&mut out, &[axes.at(0.0, 1.0), axes.at(rounds.max(1.0), 1.0)], COLOURS[5], 1.0);
+        for (values, colour, width, first) in
+            [(&found.random_rounds, COLOURS[1], 1.6, None), (&found.rounds, COLOURS[0], 2.2, Some(axes.at(0.0, 1.0)))]
+        {
+            let points = (1..).zip(values).map(|(round, value)| axes.at(f64::from(round), share(*value)));
+            svg::polyline(&mut out, &first.into_iter().chain(points).collect::<Vec<_>>(), colour, width);
+        }
     }
-    svg::text(&mut out, [PAGE[0] + PAGE[2], HEIGHT - 36.0], "end", "font-size=\"12\"", "round");
+    let names = ["climbed from the committed worst", "as many random courses", "committed worst = 1"];
+    for (k, (name, colour)) in names.into_iter().zip([COLOURS[0], COLOURS[1], COLOURS[5]]).enumerate() {
+        legend(&mut out, [60.0 + 260.0 * k as f64, 190.0 * lines as f64 + 16.0], colour, name);
+    }
     out + "</svg>\n"
 }
 
 /// The shape at each threshold with two standard errors to either side.
 pub fn stability(fits: &[AtThreshold]) -> String {
     let ends = || fits.iter().flat_map(|fit| [fit.shape - 2.0 * fit.shape_error, fit.shape + 2.0 * fit.shape_error]);
-    let (low, high) = (ends().fold(f64::MAX, f64::min).min(-0.1), ends().fold(f64::MIN, f64::max).max(0.1));
+    let (low, high) = (ends().fold(f64::MAX, f64::min).min(0.0), ends().fold(f64::MIN, f64::max).max(0.0));
+    let room = 0.06 * (high - low);
+    let (low, high) = (low - room, high + room);
     let axes = Axes { page: [74.0, 12.0, 360.0, 170.0], x: [78.0, 97.0], y: [low, high] };
     let mut out = svg::open(470.0, 236.0);
     axes.draw(&mut out, "threshold: % of samples below it", "shape ξ");

@@ -43,6 +43,7 @@ fn drawn() -> Report {
         random: 1010,
         climbed: 1100,
         rounds: vec![1020, 1100],
+        random_rounds: vec![900, 1010],
         worst: "none".to_owned(),
     });
     let responses = report::BUDGETS_NS.iter().filter_map(|period| Response::of(*period, &parts)).collect();
@@ -63,7 +64,7 @@ fn drawn() -> Report {
         painted: Class::ALL.iter().map(|class| Painted { class: class.name(), bytes: 20_000 }).collect(),
         evt: evt.into(),
         responses,
-        margins: vec![report::margin("tick, warm", 20_000), report::margin("response, stalls included", 90_000_000)],
+        margins: vec![report::margin("tick, warm", 20_000, 30_000), report::margin("response", 500_000, 90_000_000)],
     }
 }
 
