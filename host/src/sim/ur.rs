@@ -16,6 +16,7 @@ pub mod script;
 pub mod server;
 pub mod servo;
 pub mod session;
+pub mod streams;
 #[cfg(test)]
 mod tests;
 

@@ -5,6 +5,7 @@ use super::fields::Snapshot;
 use super::machine::{Machine, Notice, Surroundings, WatchdogRequest};
 use super::robot::{Power, Safety};
 use super::script::ScriptError;
+use super::streams::{Scene, Stream};
 use super::{Controller, CycleRecord, RuntimeState, Watchdog, numbers, timestamp};
 use crate::link::rtde::program::WatchdogAction;
 
@@ -38,6 +39,17 @@ impl Controller {
         for session in self.sessions.values_mut() {
             session.send_state(&snapshot, &self.exchange.inputs);
         }
+    }
+
+    /// Hands the state after the cycle to a client of 30001 to 30003.
+    pub fn feed(&self, stream: &mut Stream) {
+        stream.handle_cycle(&Scene {
+            snapshot: &self.snapshot(),
+            robot: &self.robot,
+            runtime: self.runtime,
+            arm: &self.body.arm,
+            generation: self.options.generation,
+        });
     }
 
     /// Time passes without a cycle: for the robot's power and safety, whose times are a person's, not for its motion.

@@ -1,7 +1,7 @@
 //! The simulated controller as a process: TCP servers, and a clock that steps it in real time.
 //!
 //! Ports lie as on a real robot: RTDE on 30004, scripts on 30001 to 30003, the dashboard on 29999; with another port for RTDE
-//! the others move along. Nothing is sent on the script ports.
+//! the others move along.
 //!
 //! One thread. Sockets are read right before each cycle and written right after it. Cycles lie on an absolute grid of the
 //! controller's period;
@@ -11,6 +11,7 @@
 use super::dashboard;
 use super::record::Record;
 use super::script::upload::Upload;
+use super::streams::{Port, Stream};
 use super::{ClientId, Controller, ControllerError, Options};
 use crate::failure::{Exit, Failure};
 use screed_kernel::arm::Arm;
@@ -132,18 +133,23 @@ pub struct Summary {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Service {
     Rtde,
-    Script,
+    Script(Port),
     Dashboard,
 }
 
 /// By how much ports lie below that of RTDE.
-const SERVICES: [(Service, u16); 5] =
-    [(Service::Rtde, 0), (Service::Script, 3), (Service::Script, 2), (Service::Script, 1), (Service::Dashboard, 5)];
+const SERVICES: [(Service, u16); 5] = [
+    (Service::Rtde, 0),
+    (Service::Script(Port::Primary), 3),
+    (Service::Script(Port::Secondary), 2),
+    (Service::Script(Port::Realtime), 1),
+    (Service::Dashboard, 5),
+];
 
 /// The other end's state, where the controller does not keep it.
 enum Peer {
     Rtde(ClientId),
-    Script(Upload),
+    Script(Upload, Stream),
     Dashboard(dashboard::Session),
 }
 
@@ -292,7 +298,7 @@ impl Server {
                 if ready.is_ok() && self.connections.len() < CLIENTS_MAX {
                     let peer = match service {
                         Service::Rtde => Peer::Rtde(self.controller.connect()),
-                        Service::Script => Peer::Script(Upload::default()),
+                        Service::Script(port) => Peer::Script(Upload::default(), Stream::new(*port)),
                         Service::Dashboard => Peer::Dashboard(dashboard::Session::default()),
                     };
                     self.connections.push(Connection { peer, stream, pending: Vec::new() });
@@ -315,6 +321,7 @@ impl Server {
     fn write(&mut self) {
         let controller = &mut self.controller;
         self.connections.retain_mut(|connection| {
+            connection.feed(controller);
             let alive = connection.write(controller).is_ok() && connection.is_wanted(controller);
             if !alive {
                 connection.end(controller);
@@ -350,7 +357,7 @@ impl Peer {
         match self {
             Self::Rtde(client) => controller.handle_bytes(*client, bytes),
             Self::Dashboard(session) => session.handle_bytes(bytes, controller),
-            Self::Script(upload) => {
+            Self::Script(upload, _) => {
                 upload.handle_bytes(bytes);
                 for program in upload.take_programs() {
                     controller.upload(&program);
@@ -363,7 +370,7 @@ impl Peer {
         match self {
             Self::Rtde(client) => controller.poll_transmit(*client, out),
             Self::Dashboard(session) => session.poll_transmit(out),
-            Self::Script(_) => 0,
+            Self::Script(_, stream) => stream.poll_transmit(out),
         }
     }
 }
@@ -375,7 +382,16 @@ impl Connection {
             Peer::Rtde(client) => controller.is_connected(*client),
             // Its last words have to leave first.
             Peer::Dashboard(session) => session.is_open() || !self.pending.is_empty(),
-            Peer::Script(upload) => !upload.is_overflown(),
+            Peer::Script(upload, _) => !upload.is_overflown(),
+        }
+    }
+
+    /// The state after the cycle, on the ports that send it unasked; nothing while the socket still has the last one.
+    fn feed(&mut self, controller: &Controller) {
+        if let Peer::Script(_, stream) = &mut self.peer
+            && self.pending.is_empty()
+        {
+            controller.feed(stream);
         }
     }
 
