@@ -5,6 +5,7 @@ use super::fields::Snapshot;
 use super::machine::{Machine, Notice, Surroundings, WatchdogRequest};
 use super::robot::{Power, Safety};
 use super::script::ScriptError;
+use super::session::Session;
 use super::streams::{Scene, Stream};
 use super::{Controller, CycleRecord, RuntimeState, Watchdog, numbers, timestamp};
 use crate::link::rtde::program::WatchdogAction;
@@ -35,10 +36,15 @@ impl Controller {
             actual_q: self.body.servo.q,
             runtime_state: self.runtime,
         };
-        let snapshot = self.snapshot();
-        for session in self.sessions.values_mut() {
-            session.send_state(&snapshot, &self.exchange.inputs);
+        // Taken out, so that the rest can be looked at meanwhile.
+        let mut sessions = std::mem::take(&mut self.sessions);
+        if sessions.values().any(Session::is_started) {
+            let snapshot = self.snapshot();
+            for session in sessions.values_mut() {
+                session.send_state(&snapshot, &self.exchange.inputs);
+            }
         }
+        self.sessions = sessions;
     }
 
     /// Hands the state after the cycle to a client of 30001 to 30003.
@@ -188,9 +194,8 @@ impl Controller {
         self.announce(format!("robot program stopped: {error}"));
     }
 
-    fn snapshot(&self) -> Snapshot {
+    fn snapshot(&self) -> Snapshot<'_> {
         let body = &self.body;
-        let elbow = body.arm.frames(&body.servo.q)[1].translation;
         let playing = self.runtime == RuntimeState::Playing;
         let [standard, configurable, tool] = self.outputs.digital.map(u64::from);
         Snapshot {
@@ -215,7 +220,7 @@ impl Controller {
             payload: body.payload.mass,
             payload_cog: body.payload.centre,
             payload_inertia: body.payload.inertia,
-            elbow: elbow.into(),
+            arm: &body.arm,
             digital_outputs: standard | configurable << 8 | tool << 16,
             outputs: self.outputs.clone(),
         }

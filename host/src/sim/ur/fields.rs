@@ -3,6 +3,8 @@
 //! Names and types as in the field table of the Universal_Robots_Client_Library (`src/rtde/data_package.cpp`).
 
 use crate::link::rtde::wire::{FieldType, PayloadReader};
+use screed_kernel::arm::Arm;
+use screed_kernel::units::JointPos;
 use std::collections::HashMap;
 
 /// Integer and double registers, each way.
@@ -221,7 +223,7 @@ impl Outputs {
 
 /// What the robot says of itself in one cycle, for the outputs that mean something in the simulation (SI).
 #[derive(Clone, Debug)]
-pub(super) struct Snapshot {
+pub(super) struct Snapshot<'a> {
     pub timestamp: f64,
     pub cycle: u64,
     pub target_q: [f64; 6],
@@ -241,7 +243,7 @@ pub(super) struct Snapshot {
     pub payload: f64,
     pub payload_cog: [f64; 3],
     pub payload_inertia: [f64; 6],
-    pub elbow: [f64; 3],
+    pub arm: &'a Arm<6>,
     pub digital_outputs: u64,
     pub outputs: Outputs,
 }
@@ -373,7 +375,13 @@ fn numbered(name: &str, prefix: &str, from: usize, to: usize) -> Option<usize> {
     (from..to).find(|number| number.to_string() == digits)
 }
 
-impl Snapshot {
+impl Snapshot<'_> {
+    /// Where the elbow is (m, base frame): computed for those who ask only.
+    pub(super) fn elbow(&self) -> [f64; 3] {
+        let [_, elbow, ..] = self.arm.frames(&JointPos(self.target_q));
+        elbow.translation.into()
+    }
+
     /// Appends one output's bytes.
     pub(super) fn write(&self, out: &mut Vec<u8>, kind: FieldType, source: Source, inputs: &InputValues) {
         let mut doubles = |values: &[f64]| values.iter().for_each(|value| out.extend(value.to_be_bytes()));
@@ -389,7 +397,7 @@ impl Snapshot {
             Source::Payload => doubles(&[self.payload]),
             Source::PayloadCog => doubles(&self.payload_cog),
             Source::PayloadInertia => doubles(&self.payload_inertia),
-            Source::Elbow => doubles(&self.elbow),
+            Source::Elbow => doubles(&self.elbow()),
             Source::SpeedFraction => doubles(&[self.target_speed_fraction]),
             Source::ControlStep => out.extend(self.cycle.to_be_bytes()),
             Source::DigitalOutputs => out.extend(self.digital_outputs.to_be_bytes()),

@@ -226,7 +226,7 @@ impl Session {
     }
 
     /// Sends the recipe's outputs when this cycle is due.
-    pub(super) fn send_state(&mut self, snapshot: &Snapshot, inputs: &InputValues) {
+    pub(super) fn send_state(&mut self, snapshot: &Snapshot<'_>, inputs: &InputValues) {
         let Some(recipe) =
             self.outputs.as_ref().filter(|recipe| self.started && snapshot.cycle.is_multiple_of(recipe.divisor))
         else {

@@ -48,7 +48,7 @@ pub struct Stream {
 
 /// What a stream tells of.
 pub(super) struct Scene<'a> {
-    pub snapshot: &'a Snapshot,
+    pub snapshot: &'a Snapshot<'a>,
     pub robot: &'a Robot,
     pub runtime: RuntimeState,
     pub arm: &'a Arm<6>,
@@ -257,7 +257,7 @@ fn realtime(scene: &Scene<'_>) -> Vec<u8> {
     doubles.extend([0.0; 1 + 2 + 3 + 6]);
     doubles.push(state.digital_outputs as f64);
     doubles.push(f64::from(state.runtime_state));
-    doubles.extend(state.elbow);
+    doubles.extend(state.elbow());
     doubles.extend([0.0; 3]);
     doubles.push(f64::from(state.safety_mode));
     doubles.extend([0.0; 3]);
