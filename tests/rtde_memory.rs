@@ -2,6 +2,7 @@
 
 use screed::link::rtde::program::{Program, WatchdogAction};
 use screed::link::rtde::{Event, RtdeClient};
+use screed::sim::ur::robot::Generation;
 use screed::sim::ur::{Controller, Options};
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::pose::Pose;
@@ -53,6 +54,8 @@ fn negotiation_operation_and_failure_allocate_nothing() {
         register_offset: 24,
         program: program.text().expect("legal"),
         autoplay: true,
+        generation: Generation::ESeries,
+        powered: true,
     };
     let mut controller = Controller::new(&UR10E, options).expect("legal");
     let connection = controller.connect();

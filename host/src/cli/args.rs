@@ -6,6 +6,7 @@ mod wcet;
 use crate::config::Cell;
 use crate::failure::{Exit, Failure};
 use crate::sim::line::LineFault;
+use crate::sim::ur::robot::Generation;
 use std::net::IpAddr;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -332,10 +333,19 @@ pub struct SimUrArgs {
     /// Where to listen
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     pub host: IpAddr,
-    /// The port; 0 takes a free one
+    /// RTDE's port; scripts are taken on the three below it, the dashboard five below; 0 takes free ones
     #[arg(long, value_name = "PORT", default_value_t = 30_004)]
     pub port: u16,
-    /// Let other machines connect; RTDE has no password
+    /// The controller: cb3 (software 3.15, 125 Hz) or e-series (5.11, 500 Hz)
+    #[arg(long, value_name = "GENERATION", default_value = "e-series")]
+    pub controller: Generation,
+    /// Start without power, brakes on, no program running
+    #[arg(long)]
+    pub power_off: bool,
+    /// Do not start the program with the controller
+    #[arg(long)]
+    pub no_autoplay: bool,
+    /// Let other machines connect; RTDE, dashboard and scripts have no password
     #[arg(long)]
     pub allow_remote: bool,
     /// The joints it starts with, six numbers in degrees, instead of the cell's

@@ -23,7 +23,13 @@ pub fn ur(args: &SimUrArgs) -> Result<(), Failure> {
         None => demo::program(&cell)?,
     };
     let start_q = args.start_deg.map_or(cell.robot.start, |StartDeg(joints)| JointPos(joints.map(f64::to_radians)));
-    let controller = Options { start_q, ..Options::of(&cell, program) };
+    let controller = Options {
+        start_q,
+        generation: args.controller,
+        powered: !args.power_off,
+        autoplay: !args.no_autoplay,
+        ..Options::of(&cell, program)
+    };
     signal::catch_stop()?;
     ur_server::serve(&ur_server::ServeOptions {
         arm: arm(args.model.as_deref(), &cell)?,

@@ -1,17 +1,22 @@
-//! A simulated UR controller: RTDE for many clients, a robot program, a model of `servoj`. A state machine: bytes are
-//! arguments, and [`Controller::step`] is one control cycle, so that it runs in real time and in virtual time alike.
+//! A simulated UR controller: RTDE and the dashboard for many clients, uploaded scripts, a model of the arm's motion. A state
+//! machine: bytes are arguments, and [`Controller::step`] is one control cycle, so that it runs in real time and in virtual
+//! time alike.
 //!
-//! What is modelled and what is not is said where it happens: [`servo`] for the motion, [`script`] for the program,
-//! [`session`] for the protocol. 500 cycles per second as the
-//! e-Series has them, whatever the arm.
+//! What is modelled and what is not is said where it happens: [`servo`] and [`body`] for the motion, [`script`] for the
+//! program, [`session`] for RTDE, [`dashboard`] for its commands, [`robot`] for power and safety.
 
+pub mod body;
+mod cycle;
+pub mod dashboard;
 mod fields;
 mod machine;
 pub mod record;
+pub mod robot;
 pub mod script;
 pub mod server;
 pub mod servo;
 pub mod session;
+pub mod streams;
 #[cfg(test)]
 mod tests;
 
@@ -19,21 +24,28 @@ pub use session::ClientId;
 
 use crate::config::Cell;
 use crate::link::rtde::TextLevel;
-use crate::link::rtde::program::WatchdogAction;
-use fields::{InputValues, REGISTERS, Snapshot};
-use machine::{Machine, Surroundings, WatchdogRequest};
+use body::Body;
+use fields::{InputValues, Outputs};
+use machine::{Machine, WatchdogRequest};
+use robot::{Generation, Power, Refusal, Robot, Safety};
 use screed_kernel::arm::Arm;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
-use script::ScriptError;
-use servo::Servo;
 use session::{Exchange, Session};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
-/// Control cycles per second (Hz).
-pub const CYCLE_RATE: u32 = 500;
-/// The timestamp before the first cycle, in cycles: 41 s, because clients wait for a controller that runs less than 40 s.
-const CYCLES_AT_START: u64 = 41 * CYCLE_RATE as u64;
+/// Control cycles per second of the e-Series (Hz).
+pub const CYCLE_RATE: u32 = Generation::ESeries.cycle_rate();
+/// The time before the first cycle (s): clients wait for a controller that runs less than 40 s.
+const SECONDS_AT_START: u64 = 41;
+/// Secondary programs that run at once.
+const SECONDARY_MAX: usize = 8;
+/// Lines of the log that are kept.
+const LOG_MAX: usize = 1000;
+/// The installed program's name on the dashboard.
+const PROGRAM_NAME: &str = "screed.urp";
+/// What the controller says its serial number is; a real one is of the same form.
+const SERIAL_NUMBER: &str = "20220000000";
 
 /// How a controller is made.
 #[derive(Clone, Debug)]
@@ -48,6 +60,10 @@ pub struct Options {
     pub program: String,
     /// Whether it starts with the controller.
     pub autoplay: bool,
+    /// Which controller.
+    pub generation: Generation,
+    /// Whether motors have power and brakes are open when it is switched on.
+    pub powered: bool,
 }
 
 impl Options {
@@ -59,6 +75,8 @@ impl Options {
             register_offset: cell.link.register_offset,
             program,
             autoplay: true,
+            generation: Generation::ESeries,
+            powered: true,
         }
     }
 }
@@ -151,20 +169,22 @@ struct Watchdog {
 /// The controller.
 #[derive(Clone, Debug)]
 pub struct Controller {
-    arm: Arm<6>,
     options: Options,
     exchange: Exchange,
     sessions: BTreeMap<ClientId, Session>,
     clients: u64,
     machine: Option<Machine>,
+    secondary: Vec<Machine>,
     runtime: RuntimeState,
     fault: Option<String>,
-    protective_stop: bool,
-    servo: Servo,
+    robot: Robot,
+    body: Body,
     watchdogs: Vec<Watchdog>,
-    output_int: [i32; REGISTERS],
-    digital: [u8; 3],
-    tcp: Pose,
+    outputs: Outputs,
+    popup: Option<String>,
+    /// The program waits for the popup to be closed.
+    popup_holds: bool,
+    log: VecDeque<String>,
     record: CycleRecord,
 }
 
@@ -188,27 +208,28 @@ impl Controller {
         }
         let inputs = InputValues::new();
         let (owners, updated) = (vec![None; inputs.len()], vec![false; inputs.len()]);
-        let start_q = options.start_q;
-        let tcp = arm.forward(&start_q) * options.flange_from_tcp;
-        let autoplay = options.autoplay;
+        let (rate, software) = (options.generation.cycle_rate(), options.generation.software());
+        let (start_q, tool, autoplay) = (options.start_q, options.flange_from_tcp, options.autoplay && options.powered);
+        let power = if options.powered { Power::Running } else { Power::Off };
         let mut controller = Self {
-            arm,
             options,
-            exchange: Exchange { inputs, owners, updated, packages: 0, rate: CYCLE_RATE },
+            exchange: Exchange { inputs, owners, updated, packages: 0, rate, software },
             sessions: BTreeMap::new(),
             clients: 0,
             machine: None,
+            secondary: Vec::new(),
             runtime: RuntimeState::Stopped,
             fault: None,
-            protective_stop: false,
-            servo: Servo::new(speed_max, start_q, 1.0 / f64::from(CYCLE_RATE)),
+            robot: Robot { power, safety: Safety::Normal },
+            body: Body::new(arm, speed_max, start_q, tool, 1.0 / f64::from(rate)),
             watchdogs: Vec::new(),
-            output_int: [0; REGISTERS],
-            digital: [0; 3],
-            tcp,
+            outputs: Outputs::new(),
+            popup: None,
+            popup_holds: false,
+            log: VecDeque::new(),
             record: CycleRecord {
                 cycle: 0,
-                timestamp: timestamp(0),
+                timestamp: timestamp(0, rate),
                 received: false,
                 packages: 0,
                 seq: 0,
@@ -219,27 +240,13 @@ impl Controller {
             },
         };
         if autoplay {
-            controller.play();
+            // Why not is kept, and told to every client.
+            let _ = controller.play();
         }
         Ok(controller)
     }
 
-    /// Loads the program afresh and starts it. Not possible in a protective stop.
-    pub fn play(&mut self) {
-        if self.protective_stop {
-            return self.announce("play refused: the robot is in a protective stop".to_owned());
-        }
-        match script::parse(&self.options.program) {
-            Ok(script) => {
-                self.fault = None;
-                self.machine = Some(Machine::new(script));
-                self.runtime = RuntimeState::Playing;
-            }
-            Err(error) => self.stop_program(Some(&error)),
-        }
-    }
-
-    /// A client has connected.
+    /// A client of RTDE has connected.
     pub fn connect(&mut self) -> ClientId {
         self.clients += 1;
         let id = ClientId(self.clients);
@@ -278,6 +285,184 @@ impl Controller {
         self.sessions.get_mut(&client).map_or(0, |session| session.poll_transmit(out))
     }
 
+    /// Takes a program that came over one of the script ports: it replaces the one that runs, or with `sec` runs beside it.
+    /// One that cannot be loaded, or not be run in this state, is announced and changes nothing else.
+    pub fn upload(&mut self, text: &str) {
+        let script = match script::parse(text) {
+            Ok(script) => script,
+            Err(error) => return self.announce(format!("script refused: {error}")),
+        };
+        if !self.robot.is_ready() {
+            return self.announce("script refused: the robot is not ready to move".to_owned());
+        }
+        let machine = Machine::new(script.clone());
+        self.log(&format!("script {} taken", machine.name()));
+        if !script.secondary {
+            self.begin_program(machine);
+        } else if self.secondary.len() < SECONDARY_MAX {
+            self.secondary.push(machine);
+        } else {
+            self.announce(format!("script refused: more than {SECONDARY_MAX} secondary programs"));
+        }
+    }
+
+    fn begin_program(&mut self, machine: Machine) {
+        self.end_program();
+        self.fault = None;
+        self.machine = Some(machine);
+        self.runtime = RuntimeState::Playing;
+    }
+
+    /// Starts the installed program, or goes on with one that is held.
+    ///
+    /// # Errors
+    /// The robot is not ready, or the program cannot be loaded ([`Self::program_fault`]).
+    pub fn play(&mut self) -> Result<(), Refusal> {
+        if !self.robot.is_ready() {
+            self.announce("play refused: the robot is not ready to move".to_owned());
+            return Err(Refusal::State);
+        }
+        if self.runtime == RuntimeState::Paused {
+            self.popup_holds = false;
+            self.runtime = RuntimeState::Playing;
+            return Ok(());
+        }
+        match script::parse(&self.options.program) {
+            Ok(script) => {
+                self.begin_program(Machine::new(script));
+                Ok(())
+            }
+            Err(error) => {
+                self.stop_program(&error);
+                Err(Refusal::State)
+            }
+        }
+    }
+
+    /// Ends the program, if one runs.
+    pub fn stop(&mut self) {
+        self.end_program();
+    }
+
+    /// Holds the program.
+    ///
+    /// # Errors
+    /// None runs.
+    pub fn pause(&mut self) -> Result<(), Refusal> {
+        match self.runtime {
+            RuntimeState::Stopped => Err(Refusal::State),
+            RuntimeState::Playing | RuntimeState::Paused => {
+                self.runtime = RuntimeState::Paused;
+                Ok(())
+            }
+        }
+    }
+
+    /// Gives power to the motors.
+    ///
+    /// # Errors
+    /// An emergency stop, or a fault.
+    pub fn power_on(&mut self) -> Result<(), Refusal> {
+        self.robot.power_on()
+    }
+
+    /// Takes it away; a program that runs ends.
+    pub fn power_off(&mut self) {
+        self.end_program();
+        self.robot.power = Power::Off;
+    }
+
+    /// Releases the brakes.
+    ///
+    /// # Errors
+    /// An emergency stop, or a fault.
+    pub fn release_brakes(&mut self) -> Result<(), Refusal> {
+        self.robot.release_brakes()
+    }
+
+    /// Ends a protective stop. The program stays held until somebody plays it.
+    ///
+    /// # Errors
+    /// Younger than [`robot::UNLOCK_AFTER`], or another stop.
+    pub fn unlock_protective_stop(&mut self) -> Result<(), Refusal> {
+        self.robot.unlock()
+    }
+
+    /// Starts the safety system again after a fault or an emergency stop; the motors have no power then.
+    pub fn restart_safety(&mut self) {
+        if matches!(self.robot.safety, Safety::Fault | Safety::EmergencyStop) {
+            self.robot = Robot { power: Power::Off, safety: Safety::Normal };
+        }
+    }
+
+    /// The emergency stop button goes down: power goes, the program ends.
+    pub fn press_emergency_stop(&mut self) {
+        self.power_off();
+        self.robot.safety = Safety::EmergencyStop;
+        self.announce("emergency stop".to_owned());
+    }
+
+    /// Shows a message on the teach pendant, instead of the one before.
+    pub fn show_popup(&mut self, text: &str) {
+        self.popup = Some(text.to_owned());
+    }
+
+    /// The message that is shown.
+    pub fn popup(&self) -> Option<&str> {
+        self.popup.as_deref()
+    }
+
+    /// Closes it; a program that waits for that goes on.
+    pub fn close_popup(&mut self) {
+        self.popup = None;
+        if std::mem::take(&mut self.popup_holds) && self.runtime == RuntimeState::Paused && self.robot.is_ready() {
+            self.runtime = RuntimeState::Playing;
+        }
+    }
+
+    /// Adds a line to the log; old ones are dropped.
+    pub fn log(&mut self, line: &str) {
+        if self.log.len() >= LOG_MAX {
+            self.log.pop_front();
+        }
+        self.log.push_back(line.to_owned());
+    }
+
+    /// The log, oldest first: what programs and clients wrote, and why programs did not run.
+    pub fn log_lines(&self) -> impl Iterator<Item = &str> {
+        self.log.iter().map(String::as_str)
+    }
+
+    /// Power, brakes, safety.
+    pub const fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    /// The program's state.
+    pub const fn runtime_state(&self) -> RuntimeState {
+        self.runtime
+    }
+
+    /// Which controller it is.
+    pub const fn generation(&self) -> Generation {
+        self.options.generation
+    }
+
+    /// The installed program's name.
+    pub const fn program_name(&self) -> &'static str {
+        PROGRAM_NAME
+    }
+
+    /// The robot's serial number.
+    pub const fn serial_number(&self) -> &'static str {
+        SERIAL_NUMBER
+    }
+
+    /// The arm's model as the dashboard names it: the e-Series' without its e.
+    pub fn model_name(&self) -> String {
+        self.body.arm.name.trim_end_matches('e').to_uppercase()
+    }
+
     /// What happened in the last cycle.
     pub const fn last_cycle(&self) -> &CycleRecord {
         &self.record
@@ -290,175 +475,22 @@ impl Controller {
 
     /// Whether the robot stands in a protective stop.
     pub const fn is_protective_stop(&self) -> bool {
-        self.protective_stop
-    }
-
-    /// One control cycle: inputs, watchdogs, program, motion, outputs.
-    pub fn step(&mut self) {
-        let cycle = self.record.cycle + 1;
-        let packages = std::mem::take(&mut self.exchange.packages);
-        self.apply_digital_outputs();
-        self.check_watchdogs(cycle);
-        let motion = self.run_program(cycle);
-        self.move_joints(motion);
-        let first = usize::from(self.options.register_offset);
-        let mut registers = [0.0; 6];
-        for (register, value) in (first..).zip(&mut registers) {
-            *value = self.exchange.inputs.double(register);
-        }
-        self.record = CycleRecord {
-            cycle,
-            timestamp: timestamp(cycle),
-            received: packages > 0,
-            packages,
-            seq: self.exchange.inputs.int(first),
-            registers,
-            target_q: self.servo.q,
-            actual_q: self.servo.q,
-            runtime_state: self.runtime,
-        };
-        let snapshot = self.snapshot();
-        for session in self.sessions.values_mut() {
-            session.send_state(&snapshot, &self.exchange.inputs);
-        }
-    }
-
-    fn apply_digital_outputs(&mut self) {
-        let groups = ["standard_digital_output", "configurable_digital_output", "tool_digital_output"];
-        for (bits, group) in self.digital.iter_mut().zip(groups) {
-            *bits = self.exchange.inputs.digital(group, *bits);
-        }
-    }
-
-    fn check_watchdogs(&mut self, cycle: u64) {
-        let mut barked = None;
-        for watchdog in &mut self.watchdogs {
-            if self.exchange.updated.get(watchdog.request.input) == Some(&true) {
-                watchdog.last_update = cycle;
-            }
-            let silent = (cycle - watchdog.last_update) as f64 / f64::from(CYCLE_RATE);
-            if silent > watchdog.request.period {
-                barked = Some(watchdog.request.clone());
-            }
-        }
-        self.exchange.updated.fill(false);
-        let Some(WatchdogRequest { period, action, .. }) = barked else { return };
-        let because = format!("RTDE watchdog: no update within {period} s, action {action}");
-        match action {
-            WatchdogAction::Ignore => {}
-            WatchdogAction::Pause if self.runtime == RuntimeState::Playing => {
-                self.runtime = RuntimeState::Paused;
-                self.announce(because);
-            }
-            WatchdogAction::Pause => {}
-            WatchdogAction::Stop => {
-                self.end_program();
-                self.announce(because);
-            }
-        }
-    }
-
-    fn run_program(&mut self, cycle: u64) -> Option<servo::ServoCommand> {
-        let machine = self.machine.as_mut().filter(|_| self.runtime == RuntimeState::Playing)?;
-        let mut motion = None;
-        let mut requests = Vec::new();
-        let ran = machine.step(&mut Surroundings {
-            cycle,
-            cycles_per_second: f64::from(CYCLE_RATE),
-            inputs: &self.exchange.inputs,
-            output_int: &mut self.output_int,
-            actual_q: self.servo.q.0,
-            motion: &mut motion,
-            watchdogs: &mut requests,
-        });
-        for request in requests {
-            self.watchdogs.retain(|watchdog| watchdog.request.input != request.input);
-            self.watchdogs.push(Watchdog { request, last_update: cycle });
-        }
-        match ran {
-            Ok(true) => motion,
-            Ok(false) => {
-                self.end_program();
-                None
-            }
-            Err(error) => {
-                self.stop_program(Some(&error));
-                None
-            }
-        }
-    }
-
-    fn move_joints(&mut self, motion: Option<servo::ServoCommand>) {
-        if self.protective_stop {
-            self.servo.freeze();
-        } else if self.runtime != RuntimeState::Playing {
-            self.servo.stop();
-        } else if let Err(refused) = self.servo.step(motion) {
-            self.protective_stop = true;
-            self.runtime = RuntimeState::Paused;
-            self.announce(refused.to_string());
-        }
-    }
-
-    /// The program ends: its watchdogs go with it.
-    fn end_program(&mut self) {
-        self.machine = None;
-        self.watchdogs.clear();
-        self.runtime = RuntimeState::Stopped;
-    }
-
-    fn stop_program(&mut self, error: Option<&ScriptError>) {
-        self.end_program();
-        if let Some(error) = error {
-            self.announce(format!("robot program stopped: {error}"));
-        }
+        matches!(self.robot.safety, Safety::ProtectiveStop { .. })
     }
 
     /// Keeps why the program does not run, and tells every client that has started.
     fn announce(&mut self, fault: String) {
+        self.log(&fault);
         for session in self.sessions.values_mut().filter(|session| session.is_started()) {
             session.send_text(TextLevel::Error, &fault);
         }
         self.fault = Some(fault);
     }
-
-    fn snapshot(&mut self) -> Snapshot {
-        let before = self.tcp;
-        self.tcp = self.arm.forward(&self.servo.q) * self.options.flange_from_tcp;
-        let turned = Pose { rotation: self.tcp.rotation * before.rotation.transpose(), ..Pose::identity() };
-        let rate = f64::from(CYCLE_RATE);
-        let speed = (self.tcp.translation - before.translation) * rate;
-        let turn = turned.rotation_vector() * rate;
-        let playing = self.runtime == RuntimeState::Playing;
-        let [standard, configurable, tool] = self.digital.map(u64::from);
-        Snapshot {
-            timestamp: self.record.timestamp,
-            cycle: self.record.cycle,
-            target_q: self.servo.q.0,
-            target_qd: self.servo.qd.0,
-            target_qdd: self.servo.qdd.0,
-            tcp_pose: numbers(&self.tcp),
-            tcp_speed: [speed.x, speed.y, speed.z, turn.x, turn.y, turn.z],
-            tcp_offset: numbers(&self.options.flange_from_tcp),
-            target_speed_fraction: self.exchange.inputs.speed_slider(),
-            runtime_state: self.runtime.code(),
-            // 7: running.
-            robot_mode: 7,
-            // Bit 0: power on; bit 1: program running.
-            robot_status_bits: 1 | u32::from(playing) << 1,
-            // 1: normal; 3: protective stop.
-            safety_mode: if self.protective_stop { 3 } else { 1 },
-            // Bit 0: normal; bit 2: protective stop; bit 10: stopped due to safety.
-            safety_status_bits: if self.protective_stop { 1 << 2 | 1 << 10 } else { 1 },
-            digital_outputs: standard | configurable << 8 | tool << 16,
-            output_int: self.output_int,
-        }
-    }
 }
 
 /// Cycle counts are exact, so stamps are the nearest doubles to a multiple of the period and nothing adds up.
-fn timestamp(cycle: u64) -> f64 {
-    (CYCLES_AT_START + cycle) as f64 / f64::from(CYCLE_RATE)
+fn timestamp(cycle: u64, rate: u32) -> f64 {
+    (SECONDS_AT_START * u64::from(rate) + cycle) as f64 / f64::from(rate)
 }
 
 fn numbers(pose: &Pose) -> [f64; 6] {

@@ -3,6 +3,8 @@
 //! Names and types as in the field table of the Universal_Robots_Client_Library (`src/rtde/data_package.cpp`).
 
 use crate::link::rtde::wire::{FieldType, PayloadReader};
+use screed_kernel::arm::Arm;
+use screed_kernel::units::JointPos;
 use std::collections::HashMap;
 
 /// Integer and double registers, each way.
@@ -88,11 +90,36 @@ impl InputValues {
         PayloadReader::new(self.raw(self.first_double + register)).f64().unwrap_or(0.0)
     }
 
+    /// A bit register: the first 64 come in two words, the others one by one; false where there is none.
+    pub(super) fn bit(&self, register: usize) -> bool {
+        let in_word = |name, bit: usize| self.named(name).u32().is_some_and(|word| word >> bit & 1 == 1);
+        match register {
+            0..32 => in_word("input_bit_registers0_to_31", register),
+            32..64 => in_word("input_bit_registers32_to_63", register - 32),
+            _ => self.named(&format!("input_bit_register_{register}")).u8() == Some(1),
+        }
+    }
+
+    /// Whether a client has written one of the inputs of a group of digital outputs, by the places that were.
+    pub(super) fn is_digital_updated(&self, group: &str, updated: &[bool]) -> bool {
+        let written = |name: &str| self.places.get(name).is_some_and(|(place, _)| updated.get(*place) == Some(&true));
+        written(group) || written(&format!("{group}_mask"))
+    }
+
     /// The bits of a digital output group after its mask was applied to `before`.
     pub(super) fn digital(&self, group: &str, before: u8) -> u8 {
         let mask = self.named(&format!("{group}_mask")).u8().unwrap_or(0);
         let wanted = self.named(group).u8().unwrap_or(0);
         (before & !mask) | (wanted & mask)
+    }
+
+    /// Analog outputs that a client writes: mask, domain (1: voltage) and share of the range, of outputs 0 and 1.
+    pub(super) fn analog(&self) -> [(bool, bool, f64); 2] {
+        let mask = self.named("standard_analog_output_mask").u8().unwrap_or(0);
+        let voltage = self.named("standard_analog_output_type").u8().unwrap_or(0);
+        let share = |name| self.named(name).f64().unwrap_or(0.0);
+        let shares = [share("standard_analog_output_0"), share("standard_analog_output_1")];
+        [(mask & 1 != 0, voltage & 1 != 0, shares[0]), (mask & 2 != 0, voltage & 2 != 0, shares[1])]
     }
 
     /// The fraction of the speed slider, 1 until a client sets it.
@@ -102,9 +129,101 @@ impl InputValues {
     }
 }
 
+/// An analog output's range: 0 to 10 V, or 4 to 20 mA.
+const VOLTAGE_MOST: f64 = 10.0;
+const CURRENT_LEAST: f64 = 0.004;
+const CURRENT_MOST: f64 = 0.020;
+
+/// What a program writes: output registers, and the digital outputs that clients write too.
+#[derive(Clone, Debug)]
+pub(super) struct Outputs {
+    ints: [i32; REGISTERS],
+    doubles: [f64; REGISTERS],
+    bits: u128,
+    /// Standard, configurable, tool.
+    pub digital: [u8; 3],
+    /// Whether an analog output is a voltage, and its value (V, A).
+    pub analog: [(bool, f64); 2],
+}
+
+impl Outputs {
+    /// All zero, as after the controller's start.
+    pub(super) const fn new() -> Self {
+        Self {
+            ints: [0; REGISTERS],
+            doubles: [0.0; REGISTERS],
+            bits: 0,
+            digital: [0; 3],
+            analog: [(false, CURRENT_LEAST); 2],
+        }
+    }
+
+    /// An integer register, 0 where there is none.
+    pub(super) fn int(&self, register: usize) -> i32 {
+        self.ints.get(register).copied().unwrap_or(0)
+    }
+
+    /// A double register, 0 where there is none.
+    pub(super) fn double(&self, register: usize) -> f64 {
+        self.doubles.get(register).copied().unwrap_or(0.0)
+    }
+
+    /// A bit register, false where there is none.
+    pub(super) const fn bit(&self, register: usize) -> bool {
+        register < 128 && self.bits >> register & 1 == 1
+    }
+
+    /// The bit registers 0 to 31, or 32 to 63.
+    pub(super) const fn bit_word(&self, upper: bool) -> u32 {
+        if upper { (self.bits >> 32) as u32 } else { self.bits as u32 }
+    }
+
+    /// Writes an integer register.
+    pub(super) fn set_int(&mut self, register: usize, value: i32) {
+        if let Some(place) = self.ints.get_mut(register) {
+            *place = value;
+        }
+    }
+
+    /// Writes a double register.
+    pub(super) fn set_double(&mut self, register: usize, value: f64) {
+        if let Some(place) = self.doubles.get_mut(register) {
+            *place = value;
+        }
+    }
+
+    /// Writes a bit register.
+    pub(super) const fn set_bit(&mut self, register: usize, on: bool) {
+        if register < 128 {
+            self.bits = self.bits & !(1 << register) | (on as u128) << register;
+        }
+    }
+
+    /// Sets an analog output to a share of its range; what lies outside it is refused.
+    pub(super) fn set_analog(&mut self, place: usize, is_voltage: bool, share: f64) {
+        if let Some(output) = self.analog.get_mut(place).filter(|_| (0.0..=1.0).contains(&share)) {
+            let current = CURRENT_LEAST + share * (CURRENT_MOST - CURRENT_LEAST);
+            *output = (is_voltage, if is_voltage { share * VOLTAGE_MOST } else { current });
+        }
+    }
+
+    /// `analog_io_types`: bits 2 and 3 tell which of the outputs is a voltage; both inputs are.
+    fn analog_types(&self) -> u32 {
+        let [(first, _), (second, _)] = self.analog;
+        0b11 | u32::from(first) << 2 | u32::from(second) << 3
+    }
+
+    /// Writes a digital output of a group.
+    pub(super) fn set_digital(&mut self, group: usize, place: usize, on: bool) {
+        if let Some(bits) = self.digital.get_mut(group).filter(|_| place < 8) {
+            *bits = *bits & !(1 << place) | u8::from(on) << place;
+        }
+    }
+}
+
 /// What the robot says of itself in one cycle, for the outputs that mean something in the simulation (SI).
 #[derive(Clone, Debug)]
-pub(super) struct Snapshot {
+pub(super) struct Snapshot<'a> {
     pub timestamp: f64,
     pub cycle: u64,
     pub target_q: [f64; 6],
@@ -119,12 +238,15 @@ pub(super) struct Snapshot {
     pub robot_status_bits: u32,
     pub safety_mode: i32,
     pub safety_status_bits: u32,
+    pub speed_scaling: f64,
+    pub joint_mode: i32,
+    pub payload: f64,
+    pub payload_cog: [f64; 3],
+    pub payload_inertia: [f64; 6],
+    pub arm: &'a Arm<6>,
     pub digital_outputs: u64,
-    pub output_int: [i32; REGISTERS],
+    pub outputs: Outputs,
 }
-
-/// Joint mode "running" of every joint.
-const JOINT_RUNNING: i32 = 253;
 
 /// Where an output's value comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -137,8 +259,11 @@ pub(super) enum Source {
     TcpPose,
     TcpSpeed,
     TcpOffset,
-    /// 1: nothing scales the speed here.
-    One,
+    SpeedScaling,
+    Payload,
+    PayloadCog,
+    PayloadInertia,
+    Elbow,
     SpeedFraction,
     RuntimeState,
     RobotMode,
@@ -147,7 +272,13 @@ pub(super) enum Source {
     SafetyStatusBits,
     JointMode,
     DigitalOutputs,
+    AnalogOutput(usize),
+    AnalogTypes,
     OutputInt(usize),
+    OutputDouble(usize),
+    OutputBit(usize),
+    /// Registers 32 to 63, or 0 to 31.
+    OutputBits(bool),
     /// An input register read back.
     Input(usize),
     /// Not simulated: zero of the right type.
@@ -155,7 +286,7 @@ pub(super) enum Source {
 }
 
 /// Outputs that the simulation gives a meaning.
-const SIMULATED: [(&str, FieldType, Source); 25] = [
+const SIMULATED: [(&str, FieldType, Source); 34] = [
     ("timestamp", FieldType::Double, Source::Timestamp),
     ("control_step", FieldType::Uint64, Source::ControlStep),
     ("target_q", FieldType::Vector6d, Source::TargetQ),
@@ -168,7 +299,16 @@ const SIMULATED: [(&str, FieldType, Source); 25] = [
     ("actual_TCP_speed", FieldType::Vector6d, Source::TcpSpeed),
     ("target_TCP_speed", FieldType::Vector6d, Source::TcpSpeed),
     ("tcp_offset", FieldType::Vector6d, Source::TcpOffset),
-    ("speed_scaling", FieldType::Double, Source::One),
+    ("speed_scaling", FieldType::Double, Source::SpeedScaling),
+    ("standard_analog_output0", FieldType::Double, Source::AnalogOutput(0)),
+    ("standard_analog_output1", FieldType::Double, Source::AnalogOutput(1)),
+    ("analog_io_types", FieldType::Uint32, Source::AnalogTypes),
+    ("payload", FieldType::Double, Source::Payload),
+    ("payload_cog", FieldType::Vector3d, Source::PayloadCog),
+    ("payload_inertia", FieldType::Vector6d, Source::PayloadInertia),
+    ("elbow_position", FieldType::Vector3d, Source::Elbow),
+    ("output_bit_registers0_to_31", FieldType::Uint32, Source::OutputBits(false)),
+    ("output_bit_registers32_to_63", FieldType::Uint32, Source::OutputBits(true)),
     ("target_speed_fraction", FieldType::Double, Source::SpeedFraction),
     ("runtime_state", FieldType::Uint32, Source::RuntimeState),
     ("robot_mode", FieldType::Int32, Source::RobotMode),
@@ -185,17 +325,17 @@ const SIMULATED: [(&str, FieldType, Source); 25] = [
 
 /// Outputs that exist and are answered with zero: no load, no current, no temperature is simulated.
 const ZERO_DOUBLES: &str = "actual_execution_time target_execution_time actual_momentum actual_main_voltage \
-    actual_robot_voltage actual_robot_current standard_analog_input0 standard_analog_input1 standard_analog_output0 \
-    standard_analog_output1 io_current actual_robot_energy_consumed actual_robot_braking_energy_dissipated \
+    actual_robot_voltage actual_robot_current standard_analog_input0 standard_analog_input1 io_current \
+    actual_robot_energy_consumed actual_robot_braking_energy_dissipated \
     euromap67_24V_voltage euromap67_24V_current tool_analog_input0 tool_analog_input1 tool_output_current \
-    tool_temperature tcp_force_scalar joint_position_deviation_ratio collision_detection_ratio payload";
+    tool_temperature tcp_force_scalar joint_position_deviation_ratio collision_detection_ratio";
 const ZERO_VECTORS_6: &str = "target_current target_moment actual_current actual_current_window \
     actual_current_as_torque joint_control_output actual_TCP_force actual_TCP_acceleration target_TCP_acceleration \
-    joint_temperatures actual_joint_voltage ft_raw_wrench wrench_calc_from_currents payload_inertia \
+    joint_temperatures actual_joint_voltage ft_raw_wrench wrench_calc_from_currents \
     target_base_acceleration target_base_wrench";
-const ZERO_VECTORS_3: &str = "actual_tool_accelerometer elbow_position elbow_velocity payload_cog target_gravity";
-const ZERO_UINT32: &str = "analog_io_types tool_mode tool_analog_input_types script_control_line \
-    euromap67_input_bits euromap67_output_bits output_bit_registers0_to_31 output_bit_registers32_to_63";
+const ZERO_VECTORS_3: &str = "actual_tool_accelerometer elbow_velocity target_gravity";
+const ZERO_UINT32: &str = "tool_mode tool_analog_input_types script_control_line \
+    euromap67_input_bits euromap67_output_bits";
 const ZERO_INT32: &str = "tool_output_voltage encoder0_raw encoder1_raw time_scale_source";
 const ZERO_UINT8: &str = "tool_output_mode tool_digital_output0_mode tool_digital_output1_mode";
 
@@ -211,11 +351,11 @@ pub(super) fn output(name: &[u8], inputs: &InputValues) -> Option<(FieldType, So
     if let Some(register) = numbered(text, "output_int_register_", 0, REGISTERS) {
         return Some((FieldType::Int32, Source::OutputInt(register)));
     }
-    if numbered(text, "output_double_register_", 0, REGISTERS).is_some() {
-        return Some((FieldType::Double, Source::Zero));
+    if let Some(register) = numbered(text, "output_double_register_", 0, REGISTERS) {
+        return Some((FieldType::Double, Source::OutputDouble(register)));
     }
-    if numbered(text, "output_bit_register_", 64, 128).is_some() {
-        return Some((FieldType::Bool, Source::Zero));
+    if let Some(register) = numbered(text, "output_bit_register_", 64, 128) {
+        return Some((FieldType::Bool, Source::OutputBit(register)));
     }
     let zeros = [
         (ZERO_DOUBLES, FieldType::Double),
@@ -235,7 +375,13 @@ fn numbered(name: &str, prefix: &str, from: usize, to: usize) -> Option<usize> {
     (from..to).find(|number| number.to_string() == digits)
 }
 
-impl Snapshot {
+impl Snapshot<'_> {
+    /// Where the elbow is (m, base frame): computed for those who ask only.
+    pub(super) fn elbow(&self) -> [f64; 3] {
+        let [_, elbow, ..] = self.arm.frames(&JointPos(self.target_q));
+        elbow.translation.into()
+    }
+
     /// Appends one output's bytes.
     pub(super) fn write(&self, out: &mut Vec<u8>, kind: FieldType, source: Source, inputs: &InputValues) {
         let mut doubles = |values: &[f64]| values.iter().for_each(|value| out.extend(value.to_be_bytes()));
@@ -247,7 +393,11 @@ impl Snapshot {
             Source::TcpPose => doubles(&self.tcp_pose),
             Source::TcpSpeed => doubles(&self.tcp_speed),
             Source::TcpOffset => doubles(&self.tcp_offset),
-            Source::One => doubles(&[1.0]),
+            Source::SpeedScaling => doubles(&[self.speed_scaling]),
+            Source::Payload => doubles(&[self.payload]),
+            Source::PayloadCog => doubles(&self.payload_cog),
+            Source::PayloadInertia => doubles(&self.payload_inertia),
+            Source::Elbow => doubles(&self.elbow()),
             Source::SpeedFraction => doubles(&[self.target_speed_fraction]),
             Source::ControlStep => out.extend(self.cycle.to_be_bytes()),
             Source::DigitalOutputs => out.extend(self.digital_outputs.to_be_bytes()),
@@ -256,10 +406,15 @@ impl Snapshot {
             Source::SafetyStatusBits => out.extend(self.safety_status_bits.to_be_bytes()),
             Source::RobotMode => out.extend(self.robot_mode.to_be_bytes()),
             Source::SafetyMode => out.extend(self.safety_mode.to_be_bytes()),
-            Source::JointMode => out.extend([JOINT_RUNNING; 6].iter().flat_map(|mode| mode.to_be_bytes())),
-            Source::OutputInt(register) => {
-                out.extend(self.output_int.get(register).copied().unwrap_or(0).to_be_bytes());
+            Source::JointMode => out.extend([self.joint_mode; 6].iter().flat_map(|mode| mode.to_be_bytes())),
+            Source::AnalogOutput(place) => {
+                doubles(&[self.outputs.analog.get(place).map_or(0.0, |(_, value)| *value)]);
             }
+            Source::AnalogTypes => out.extend(self.outputs.analog_types().to_be_bytes()),
+            Source::OutputInt(register) => out.extend(self.outputs.int(register).to_be_bytes()),
+            Source::OutputDouble(register) => doubles(&[self.outputs.double(register)]),
+            Source::OutputBit(register) => out.push(u8::from(self.outputs.bit(register))),
+            Source::OutputBits(upper) => out.extend(self.outputs.bit_word(upper).to_be_bytes()),
             Source::Input(place) => out.extend(inputs.raw(place).iter().take(kind.size())),
             Source::Zero => out.resize(out.len() + kind.size(), 0),
         }

@@ -3,20 +3,29 @@
 //! Scheduling follows the URScript manual ("Thread scheduling"): a thread runs until it uses up its time slice by an
 //! instruction that takes robot time (`servoj`, `sync`) or by computing, and then not before the next cycle. So a loop that
 //! does nothing neither ends the program nor moves the robot. The manual leaves the order of threads open; here those
-//! started later come first, so that a setpoint read by a thread is used in the same cycle.
+//! started later come first, so that a setpoint read by a thread is used in the same cycle. A thread in a critical section
+//! keeps the others waiting, also while it moves the robot.
 
-use super::fields::InputValues;
-use super::script::{Code, Comparison, Expression, Function, Instruction, Scope, Script, ScriptError};
-use super::servo::ServoCommand;
-use crate::link::rtde::program::{GAIN_RANGE, LOOKAHEAD_RANGE, WatchdogAction};
-use std::collections::BTreeMap;
+mod calls;
+mod compute;
 
+use super::body::Body;
+use super::fields::{InputValues, Outputs};
+use super::script::ScriptError;
+use super::script::code::{Name, Op, Scope, Script, Value};
+use crate::link::rtde::program::WatchdogAction;
+use std::sync::Arc;
+
+/// The handle of the program's own thread; 0 is none, as scripts have it.
+const MAIN: u32 = 1;
 /// Instructions that a thread can compute in one cycle.
-const SLICE: usize = 1000;
+const SLICE: usize = 5000;
 /// Threads that can run at once.
 const RUNNING_MAX: usize = 32;
-/// Length of a list that a script can build.
-const LIST_MAX: usize = 64;
+/// Calls inside each other.
+const FRAMES_MAX: usize = 64;
+/// Values on a thread's stack.
+const STACK_MAX: usize = 1024;
 
 /// What a script can reach.
 pub(super) struct Surroundings<'a> {
@@ -26,14 +35,27 @@ pub(super) struct Surroundings<'a> {
     pub cycles_per_second: f64,
     /// The input registers.
     pub inputs: &'a InputValues,
-    /// The output integer registers.
-    pub output_int: &'a mut [i32; 48],
-    /// Where the joints are (rad).
-    pub actual_q: [f64; 6],
-    /// What the robot shall do in this cycle.
-    pub motion: &'a mut Option<ServoCommand>,
+    /// The output registers and the digital outputs.
+    pub outputs: &'a mut Outputs,
+    /// The arm.
+    pub body: &'a mut Body,
+    /// Whether the program may move it: a secondary one may not.
+    pub may_move: bool,
     /// Watchdogs that the script sets.
     pub watchdogs: &'a mut Vec<WatchdogRequest>,
+    /// What it has to say.
+    pub notices: &'a mut Vec<Notice>,
+}
+
+/// What a script tells the controller.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Notice {
+    /// `textmsg`.
+    Text(String),
+    /// `popup`; whether the program waits until it is closed.
+    Popup { text: String, blocking: bool },
+    /// `protective_stop()`.
+    ProtectiveStop,
 }
 
 /// A call of `rtde_set_watchdog`.
@@ -47,325 +69,299 @@ pub(super) struct WatchdogRequest {
     pub action: WatchdogAction,
 }
 
-#[derive(Clone, Debug, PartialEq)]
-enum Value {
-    Nothing,
-    Number(f64),
-    Boolean(bool),
-    Text(String),
-    List(Vec<f64>),
-    Thread,
-}
-
 /// A program in progress.
 #[derive(Clone, Debug)]
 pub(super) struct Machine {
-    script: Script,
-    globals: BTreeMap<String, Value>,
-    /// The first is the main thread.
+    script: Arc<Script>,
+    globals: Vec<Option<Value>>,
+    /// In the order of their start; the first is the program itself.
     threads: Vec<Thread>,
-    /// The thread whose `servoj` is going on, its end (cycle) and the command.
-    moving: Option<(usize, u64, ServoCommand)>,
-    threads_started: usize,
+    threads_started: u32,
+    /// The thread that is in a critical section.
+    critical: Option<u32>,
+}
+
+/// What a thread waits for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Waiting {
+    /// The cycle in which it runs again.
+    Until(u64),
+    /// The end of its own movement.
+    Motion,
+    /// The end of another thread.
+    Thread(u32),
 }
 
 #[derive(Clone, Debug)]
 struct Thread {
-    id: usize,
-    /// None: the main code.
-    code: Option<usize>,
+    id: u32,
+    frames: Vec<Frame>,
+    stack: Vec<Value>,
+    waiting: Waiting,
+}
+
+/// A routine in progress.
+#[derive(Clone, Debug)]
+struct Frame {
+    routine: usize,
     next: usize,
-    locals: BTreeMap<String, Value>,
-    /// First cycle in which it may run.
-    runnable_from: u64,
+    locals: Vec<(Name, Value)>,
+    /// Height of the stack when it began.
+    base: usize,
+}
+
+/// How a slice ended.
+enum Ended {
+    Slice,
+    Thread,
+    Program,
+}
+
+impl Thread {
+    fn new(id: u32, routine: usize, from_cycle: u64) -> Self {
+        let frame = Frame { routine, next: 0, locals: Vec::new(), base: 0 };
+        Self { id, frames: vec![frame], stack: Vec::new(), waiting: Waiting::Until(from_cycle) }
+    }
+
+    fn pop(&mut self) -> Value {
+        // What the parser emits never takes more than it put.
+        self.stack.pop().unwrap_or(Value::Nothing)
+    }
 }
 
 impl Machine {
+    /// A program at its start.
     pub(super) fn new(script: Script) -> Self {
-        let main = Thread { id: 0, code: None, next: 0, locals: BTreeMap::new(), runnable_from: 0 };
-        Self { script, globals: BTreeMap::new(), threads: vec![main], moving: None, threads_started: 1 }
+        let globals = vec![None; script.names.len()];
+        Self {
+            script: Arc::new(script),
+            globals,
+            threads: vec![Thread::new(MAIN, 0, 0)],
+            threads_started: MAIN,
+            critical: None,
+        }
+    }
+
+    /// The program's name.
+    pub(super) fn name(&self) -> &str {
+        self.script.routines.first().map_or("", |routine| &routine.name)
     }
 
     /// Runs every thread for one cycle; false when the program has ended.
     pub(super) fn step(&mut self, around: &mut Surroundings<'_>) -> Result<bool, ScriptError> {
-        if self.moving.as_ref().is_some_and(|(_, end, _)| *end <= around.cycle) {
-            self.moving = None;
-        }
-        let mut started = Vec::new();
-        for index in (0..self.threads.len()).rev() {
-            let Some(mut thread) = self.threads.get_mut(index).map(std::mem::take) else { continue };
-            let ended = self.run_slice(&mut thread, around, &mut started)?;
-            if ended && thread.code.is_none() {
-                return Ok(false);
+        let ids: Vec<u32> = self.threads.iter().rev().map(|thread| thread.id).collect();
+        for id in ids {
+            // A thread may end others: it is looked for again.
+            let Some(place) = self.threads.iter().position(|thread| thread.id == id) else { continue };
+            if self.critical.is_some_and(|owner| owner != id) || !self.can_run(place, around) {
+                continue;
             }
-            if ended {
-                self.threads.remove(index);
-            } else if let Some(place) = self.threads.get_mut(index) {
-                *place = thread;
+            let Some(mut thread) = self.threads.get_mut(place).map(Thread::take) else { continue };
+            let ended = self.run_slice(&mut thread, around)?;
+            match ended {
+                Ended::Program => return Ok(false),
+                Ended::Thread if id == MAIN => return Ok(false),
+                Ended::Thread => self.end_thread(id, around),
+                Ended::Slice => {
+                    if let Some(place) = self.threads.iter_mut().find(|thread| thread.id == id) {
+                        *place = thread;
+                    }
+                }
             }
         }
-        self.threads.append(&mut started);
-        *around.motion = self.moving.as_ref().map(|(_, _, command)| command.clone());
         Ok(true)
     }
 
-    fn run_slice(
+    fn can_run(&self, place: usize, around: &Surroundings<'_>) -> bool {
+        let Some(thread) = self.threads.get(place) else { return false };
+        match thread.waiting {
+            Waiting::Until(cycle) => cycle <= around.cycle,
+            Waiting::Motion => !around.body.is_moving_for(thread.id),
+            Waiting::Thread(other) => !self.threads.iter().any(|thread| thread.id == other),
+        }
+    }
+
+    fn end_thread(&mut self, id: u32, around: &mut Surroundings<'_>) {
+        self.threads.retain(|thread| thread.id != id);
+        around.body.abandon(id);
+        self.critical.take_if(|owner| *owner == id);
+    }
+
+    fn run_slice(&mut self, thread: &mut Thread, around: &mut Surroundings<'_>) -> Result<Ended, ScriptError> {
+        let script = Arc::clone(&self.script);
+        thread.waiting = Waiting::Until(around.cycle);
+        for _ in 0..SLICE {
+            let Some(frame) = thread.frames.last_mut() else { return Ok(Ended::Thread) };
+            let code = script.routines.get(frame.routine).map(|routine| &routine.code);
+            let Some((line, op)) = code.and_then(|code| code.get(frame.next)) else { return Ok(Ended::Thread) };
+            frame.next += 1;
+            match self.execute(thread, *line, op, around)? {
+                Flow::On => {}
+                Flow::Ended => return Ok(Ended::Program),
+                Flow::Yield => return Ok(if thread.frames.is_empty() { Ended::Thread } else { Ended::Slice }),
+            }
+            if thread.stack.len() > STACK_MAX {
+                return Err(ScriptError::TooMuch { line: *line, what: "values on the stack", limit: STACK_MAX });
+            }
+        }
+        thread.waiting = Waiting::Until(around.cycle + 1);
+        Ok(Ended::Slice)
+    }
+
+    fn execute(
         &mut self,
         thread: &mut Thread,
+        line: usize,
+        op: &Op,
         around: &mut Surroundings<'_>,
-        started: &mut Vec<Thread>,
-    ) -> Result<bool, ScriptError> {
-        for _ in 0..SLICE {
-            if thread.runnable_from > around.cycle {
-                return Ok(false);
+    ) -> Result<Flow, ScriptError> {
+        match op {
+            Op::Push(value) => thread.stack.push(value.clone()),
+            Op::Load(name) => {
+                let value = self.load(thread, line, *name)?.clone();
+                thread.stack.push(value);
             }
-            let code: &Code = match thread.code {
-                None => &self.script.main,
-                Some(index) => match self.script.threads.get(index) {
-                    Some(code) => code,
-                    None => return Ok(true),
-                },
-            };
-            let Some((line, instruction)) = code.get(thread.next) else { return Ok(true) };
-            let mut evaluation = Evaluation {
-                line: *line,
-                globals: &self.globals,
-                thread: &mut *thread,
-                around: &mut *around,
-                moving: &mut self.moving,
-                started: &mut *started,
-                running: self.threads.len(),
-                threads_started: &mut self.threads_started,
-            };
-            let mut next = evaluation.thread.next + 1;
-            match instruction {
-                Instruction::Jump(target) => next = *target,
-                Instruction::JumpUnless(condition, target) => {
-                    if !evaluation.boolean(condition)? {
-                        next = *target;
-                    }
-                }
-                Instruction::Evaluate(expression) => _ = evaluation.value(expression)?,
-                Instruction::Assign(scope, name, expression) => {
-                    let value = evaluation.value(expression)?;
-                    let local = match scope {
-                        Scope::Global => false,
-                        Scope::Local => true,
-                        Scope::Nearest => thread.locals.contains_key(name) || !self.globals.contains_key(name),
-                    };
-                    let variables = if local { &mut thread.locals } else { &mut self.globals };
-                    match variables.get_mut(name) {
-                        Some(place) => *place = value,
-                        None => _ = variables.insert(name.clone(), value),
-                    }
+            Op::Store(scope, name) => {
+                let value = thread.pop();
+                self.store(thread, *scope, *name, value);
+            }
+            Op::StoreElement(name) => {
+                let (value, index) = (thread.pop(), thread.pop());
+                compute::set_element(line, self.variable(thread, line, *name)?, &index, &value)?;
+            }
+            Op::Jump(target) => jump(thread, *target),
+            Op::JumpUnless(target) => {
+                if !compute::boolean(line, &thread.pop())? {
+                    jump(thread, *target);
                 }
             }
-            thread.next = next;
+            Op::Drop => _ = thread.pop(),
+            Op::Call(routine, count) => self.call_routine(thread, line, *routine, *count)?,
+            Op::Return => {
+                let value = thread.pop();
+                let base = thread.frames.pop().map_or(0, |frame| frame.base);
+                thread.stack.truncate(base);
+                thread.stack.push(value);
+                if thread.frames.is_empty() {
+                    return Ok(Flow::Yield);
+                }
+            }
+            Op::Run(routine) => {
+                let handle = self.start_thread(line, *routine, around.cycle + 1)?;
+                thread.stack.push(handle);
+            }
+            Op::Kill => {
+                let id = compute::handle(line, &thread.pop())?;
+                if id == thread.id {
+                    thread.frames.clear();
+                    return Ok(Flow::Yield);
+                }
+                // The program itself has no handle, and a thread that has ended is no error.
+                if id != MAIN {
+                    self.end_thread(id, around);
+                }
+            }
+            Op::Join => {
+                thread.waiting = Waiting::Thread(compute::handle(line, &thread.pop())?);
+                return Ok(Flow::Yield);
+            }
+            Op::EnterCritical => self.critical = Some(thread.id),
+            Op::ExitCritical => self.critical = None,
+            Op::Halt => return Ok(Flow::Ended),
+            Op::Missing(name) => return Err(ScriptError::NotSimulated { line, name }),
+            Op::Builtin(builtin, places) => {
+                let count = places.iter().flatten().count();
+                let arguments = thread.stack.split_off(thread.stack.len().saturating_sub(count));
+                let mut call = calls::Call { line, thread: thread.id, arguments: &arguments, places, around };
+                let (value, waiting) = call.run(*builtin)?;
+                thread.stack.push(value);
+                if let Some(waiting) = waiting {
+                    thread.waiting = waiting;
+                    return Ok(Flow::Yield);
+                }
+            }
+            _ => compute::compute(line, op, &mut thread.stack)?,
         }
-        Ok(false)
+        Ok(Flow::On)
+    }
+
+    fn load<'a>(&'a self, thread: &'a Thread, line: usize, name: Name) -> Result<&'a Value, ScriptError> {
+        let locals = thread.frames.last().map_or(&[][..], |frame| &frame.locals);
+        let local = locals.iter().find(|(known, _)| *known == name).map(|(_, value)| value);
+        local.or_else(|| self.globals.get(name)?.as_ref()).ok_or_else(|| self.undefined(line, name))
+    }
+
+    fn variable<'a>(
+        &'a mut self,
+        thread: &'a mut Thread,
+        line: usize,
+        name: Name,
+    ) -> Result<&'a mut Value, ScriptError> {
+        let undefined = self.undefined(line, name);
+        let locals = thread.frames.last_mut().map(|frame| &mut frame.locals);
+        let local = locals.and_then(|locals| locals.iter_mut().find(|(known, _)| *known == name));
+        let global = self.globals.get_mut(name).and_then(Option::as_mut);
+        local.map(|(_, value)| value).or(global).ok_or(undefined)
+    }
+
+    fn undefined(&self, line: usize, name: Name) -> ScriptError {
+        ScriptError::Undefined { line, name: self.script.names.get(name).cloned().unwrap_or_default() }
+    }
+
+    fn store(&mut self, thread: &mut Thread, scope: Scope, name: Name, value: Value) {
+        let (Some(frame), Some(global)) = (thread.frames.last_mut(), self.globals.get_mut(name)) else { return };
+        let local = frame.locals.iter_mut().find(|(known, _)| *known == name);
+        match (scope, local) {
+            (Scope::Local | Scope::Nearest, Some((_, place))) => *place = value,
+            (Scope::Local, None) => frame.locals.push((name, value)),
+            (Scope::Nearest, None) if global.is_none() => frame.locals.push((name, value)),
+            (Scope::Global, _) | (Scope::Nearest, None) => *global = Some(value),
+        }
+    }
+
+    fn call_routine(&self, thread: &mut Thread, line: usize, routine: usize, count: usize) -> Result<(), ScriptError> {
+        let Some(called) = self.script.routines.get(routine) else { return Ok(()) };
+        if called.parameters.len() != count {
+            let (name, expected) = (called.name.clone(), called.parameters.len());
+            return Err(ScriptError::ArgumentCount { line, name, expected, found: count });
+        }
+        if thread.frames.len() >= FRAMES_MAX {
+            return Err(ScriptError::TooMuch { line, what: "calls inside each other", limit: FRAMES_MAX });
+        }
+        let base = thread.stack.len().saturating_sub(count);
+        let locals = called.parameters.iter().copied().zip(thread.stack.drain(base..)).collect();
+        thread.frames.push(Frame { routine, next: 0, locals, base });
+        Ok(())
+    }
+
+    fn start_thread(&mut self, line: usize, routine: usize, from_cycle: u64) -> Result<Value, ScriptError> {
+        if self.threads.len() >= RUNNING_MAX {
+            return Err(ScriptError::TooMuch { line, what: "running threads", limit: RUNNING_MAX });
+        }
+        self.threads_started += 1;
+        let id = self.threads_started;
+        self.threads.push(Thread::new(id, routine, from_cycle));
+        Ok(Value::Number(f64::from(id)))
     }
 }
 
-impl Default for Thread {
-    /// A thread that has ended; stands in while the real one runs.
-    fn default() -> Self {
-        Self { id: usize::MAX, code: Some(usize::MAX), next: 0, locals: BTreeMap::new(), runnable_from: 0 }
+/// What follows an instruction.
+enum Flow {
+    On,
+    Yield,
+    Ended,
+}
+
+impl Thread {
+    /// The thread's state, while an empty one of the same handle keeps its place.
+    fn take(&mut self) -> Self {
+        let empty = Self { id: self.id, frames: Vec::new(), stack: Vec::new(), waiting: self.waiting };
+        std::mem::replace(self, empty)
     }
 }
 
-/// One instruction being computed.
-struct Evaluation<'a, 'b> {
-    line: usize,
-    globals: &'a BTreeMap<String, Value>,
-    thread: &'a mut Thread,
-    around: &'a mut Surroundings<'b>,
-    moving: &'a mut Option<(usize, u64, ServoCommand)>,
-    started: &'a mut Vec<Thread>,
-    running: usize,
-    threads_started: &'a mut usize,
-}
-
-impl Evaluation<'_, '_> {
-    fn wrong(&self, expected: &'static str, found: &Value) -> ScriptError {
-        let found = match found {
-            Value::Nothing => "nothing".to_owned(),
-            Value::Number(value) => value.to_string(),
-            Value::Boolean(value) => value.to_string(),
-            Value::Text(text) => format!("\"{text}\""),
-            Value::List(values) => format!("{values:?}"),
-            Value::Thread => "a thread".to_owned(),
-        };
-        ScriptError::Value { line: self.line, expected, found }
-    }
-
-    fn value(&mut self, expression: &Expression) -> Result<Value, ScriptError> {
-        Ok(match expression {
-            Expression::Number(value) => Value::Number(*value),
-            Expression::Boolean(value) => Value::Boolean(*value),
-            Expression::Text(text) => Value::Text(text.clone()),
-            Expression::Variable(name) => {
-                let found = self.thread.locals.get(name).or_else(|| self.globals.get(name));
-                found.cloned().ok_or_else(|| ScriptError::Undefined { line: self.line, name: name.clone() })?
-            }
-            Expression::List(items) if items.len() > LIST_MAX => {
-                return Err(ScriptError::TooMuch { line: self.line, what: "elements of a list", limit: LIST_MAX });
-            }
-            Expression::List(items) => {
-                Value::List(items.iter().map(|item| self.number(item)).collect::<Result<_, _>>()?)
-            }
-            Expression::Not(inner) => Value::Boolean(!self.boolean(inner)?),
-            Expression::Negate(inner) => Value::Number(-self.number(inner)?),
-            Expression::Compare(how, left, right) => Value::Boolean(self.compare(*how, left, right)?),
-            Expression::Run(index) => self.start(*index)?,
-            Expression::Call(function, arguments) => self.call(*function, arguments)?,
-        })
-    }
-
-    fn boolean(&mut self, expression: &Expression) -> Result<bool, ScriptError> {
-        match self.value(expression)? {
-            Value::Boolean(value) => Ok(value),
-            other => Err(self.wrong("True or False", &other)),
-        }
-    }
-
-    fn number(&mut self, expression: &Expression) -> Result<f64, ScriptError> {
-        match self.value(expression)? {
-            Value::Number(value) => Ok(value),
-            other => Err(self.wrong("number", &other)),
-        }
-    }
-
-    fn text(&mut self, expression: &Expression) -> Result<String, ScriptError> {
-        match self.value(expression)? {
-            Value::Text(text) => Ok(text),
-            other => Err(self.wrong("string", &other)),
-        }
-    }
-
-    fn number_in(&mut self, expression: &Expression, [min, max]: [f64; 2]) -> Result<f64, ScriptError> {
-        let value = self.number(expression)?;
-        if (min..=max).contains(&value) {
-            return Ok(value);
-        }
-        Err(self.wrong("number within the range of the URScript manual", &Value::Number(value)))
-    }
-
-    fn compare(&mut self, how: Comparison, left: &Expression, right: &Expression) -> Result<bool, ScriptError> {
-        let left = self.value(left)?;
-        let right = self.value(right)?;
-        match (how, &left, &right) {
-            (_, Value::Number(a), Value::Number(b)) => Ok(match how {
-                Comparison::Equal => a == b,
-                Comparison::NotEqual => a != b,
-                Comparison::Less => a < b,
-                Comparison::LessOrEqual => a <= b,
-                Comparison::Greater => a > b,
-                Comparison::GreaterOrEqual => a >= b,
-            }),
-            (Comparison::Equal, ..) if std::mem::discriminant(&left) == std::mem::discriminant(&right) => {
-                Ok(left == right)
-            }
-            (Comparison::NotEqual, ..) if std::mem::discriminant(&left) == std::mem::discriminant(&right) => {
-                Ok(left != right)
-            }
-            _ => Err(self.wrong("two values that can be compared", &right)),
-        }
-    }
-
-    fn start(&mut self, index: usize) -> Result<Value, ScriptError> {
-        if self.running + self.started.len() >= RUNNING_MAX {
-            return Err(ScriptError::TooMuch { line: self.line, what: "running threads", limit: RUNNING_MAX });
-        }
-        let id = *self.threads_started;
-        *self.threads_started += 1;
-        let runnable_from = self.around.cycle + 1;
-        self.started.push(Thread { id, code: Some(index), next: 0, locals: BTreeMap::new(), runnable_from });
-        Ok(Value::Thread)
-    }
-
-    fn register(&mut self, expression: &Expression) -> Result<usize, ScriptError> {
-        let number = self.number(expression)?;
-        let found = (0..48_u32).find(|index| f64::from(*index) == number);
-        let found = found.ok_or_else(|| self.wrong("register 0 to 47", &Value::Number(number)))?;
-        Ok(found as usize)
-    }
-
-    fn call(&mut self, function: Function, arguments: &[Expression]) -> Result<Value, ScriptError> {
-        Ok(match (function, arguments) {
-            (Function::ReadInputFloat, [register]) => {
-                let register = self.register(register)?;
-                Value::Number(self.around.inputs.double(register))
-            }
-            (Function::ReadInputInteger, [register]) => {
-                let register = self.register(register)?;
-                Value::Number(f64::from(self.around.inputs.int(register)))
-            }
-            (Function::WriteOutputInteger, [register, value]) => {
-                let register = self.register(register)?;
-                let value = self.number_in(value, [f64::from(i32::MIN), f64::from(i32::MAX)])?;
-                if let Some(place) = self.around.output_int.get_mut(register) {
-                    *place = value as i32;
-                }
-                Value::Nothing
-            }
-            (Function::ActualJointPositions, []) => Value::List(self.around.actual_q.to_vec()),
-            (Function::Norm, [list]) => match self.value(list)? {
-                Value::List(values) => Value::Number(values.iter().map(|value| value * value).sum::<f64>().sqrt()),
-                other => return Err(self.wrong("list", &other)),
-            },
-            (Function::Sync, []) => {
-                self.thread.runnable_from = self.around.cycle + 1;
-                Value::Nothing
-            }
-            (Function::SetWatchdog, [input, frequency, action]) => self.set_watchdog(input, frequency, action)?,
-            (Function::Servoj, [joints, _, _, time, lookahead, gain]) => {
-                self.servoj(joints, [time, lookahead, gain])?
-            }
-            // The parser has counted the arguments.
-            _ => return Err(self.wrong("another number of arguments", &Value::Nothing)),
-        })
-    }
-
-    fn set_watchdog(
-        &mut self,
-        input: &Expression,
-        frequency: &Expression,
-        action: &Expression,
-    ) -> Result<Value, ScriptError> {
-        let name = self.text(input)?;
-        let frequency = self.number_in(frequency, [f64::MIN_POSITIVE, self.around.cycles_per_second])?;
-        let action = self.text(action)?;
-        let action = match action.as_str() {
-            "ignore" => WatchdogAction::Ignore,
-            "pause" => WatchdogAction::Pause,
-            "stop" => WatchdogAction::Stop,
-            _ => return Err(self.wrong("\"ignore\", \"pause\" or \"stop\"", &Value::Text(action))),
-        };
-        let Some((input, _)) = self.around.inputs.find(name.as_bytes()) else {
-            return Err(self.wrong("name of an RTDE input", &Value::Text(name)));
-        };
-        self.around.watchdogs.push(WatchdogRequest { input, period: 1.0 / frequency, action });
-        Ok(Value::Nothing)
-    }
-
-    fn servoj(&mut self, joints: &Expression, [time, lookahead, gain]: [&Expression; 3]) -> Result<Value, ScriptError> {
-        let joints = self.value(joints)?;
-        let target: [f64; 6] = match &joints {
-            Value::List(values) => values.as_slice().try_into().ok(),
-            _ => None,
-        }
-        .ok_or_else(|| self.wrong("list of six joint positions", &joints))?;
-        let period = 1.0 / self.around.cycles_per_second;
-        let time = self.number_in(time, [period, 1.0])?;
-        let lookahead = self.number_in(lookahead, LOOKAHEAD_RANGE)?;
-        let gain = self.number_in(gain, GAIN_RANGE)?;
-        if self.moving.as_ref().is_some_and(|(id, ..)| *id != self.thread.id) {
-            return Err(ScriptError::SecondMover { line: self.line });
-        }
-        // `time` is at most a second: a few hundred cycles.
-        let end = self.around.cycle + (time * self.around.cycles_per_second).round() as u64;
-        self.thread.runnable_from = end;
-        *self.moving = Some((self.thread.id, end, ServoCommand { target, time, lookahead, gain }));
-        Ok(Value::Nothing)
+fn jump(thread: &mut Thread, target: usize) {
+    if let Some(frame) = thread.frames.last_mut() {
+        frame.next = target;
     }
 }

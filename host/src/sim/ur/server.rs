@@ -1,11 +1,18 @@
-//! The simulated controller as a process: a TCP server that steps it in real time.
+//! The simulated controller as a process: TCP servers, and a clock that steps it in real time.
 //!
-//! One thread. Sockets are read right before each cycle and written right after it. Cycles lie on an absolute grid of 2 ms;
+//! Ports lie as on a real robot: RTDE on 30004, scripts on 30001 to 30003, the dashboard on 29999; with another port for RTDE
+//! the others move along.
+//!
+//! One thread. Sockets are read right before each cycle and written right after it. Cycles lie on an absolute grid of the
+//! controller's period;
 //! when the machine stalls, the grid is shifted and nothing is made up for: simulated time stands still meanwhile, so that
 //! packages never come in bursts, and the stall is counted.
 
+use super::dashboard;
 use super::record::Record;
-use super::{CYCLE_RATE, ClientId, Controller, ControllerError, Options};
+use super::script::upload::Upload;
+use super::streams::{Port, Stream};
+use super::{ClientId, Controller, ControllerError, Options};
 use crate::failure::{Exit, Failure};
 use screed_kernel::arm::Arm;
 use std::io::{self, Read, Write};
@@ -13,12 +20,8 @@ use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// One control cycle.
-const PERIOD: Duration = Duration::from_nanos(1_000_000_000 / CYCLE_RATE as u64);
-/// A cycle this late shifts the grid: two packages would come closer than half a period.
-const LATE_MAX: Duration = Duration::from_nanos(500_000_000 / CYCLE_RATE as u64);
 /// Connections at once; more are closed at once.
-const CLIENTS_MAX: usize = 64;
+const CLIENTS_MAX: usize = 128;
 /// Bytes read from a client in one cycle; the rest waits.
 const READ_MAX: usize = 64 * 1024;
 /// Bytes taken from the controller for a socket at once.
@@ -73,6 +76,12 @@ pub enum SimError {
         /// As asked for.
         address: SocketAddr,
     },
+    /// The other ports lie below that of RTDE.
+    #[error("port {port} leaves no room for the five ports below it; choose a port above 5, or 0 for free ones")]
+    NoRoom {
+        /// As asked for.
+        port: u16,
+    },
     /// Listening failed.
     #[error("cannot listen on {address}: {source}")]
     Listen {
@@ -101,7 +110,7 @@ impl From<SimError> for Failure {
     fn from(error: SimError) -> Self {
         let exit = match &error {
             SimError::Controller(_) | SimError::Program { .. } => Exit::Input,
-            SimError::NotLoopback { .. } => Exit::Usage,
+            SimError::NotLoopback { .. } | SimError::NoRoom { .. } => Exit::Usage,
             SimError::AddressInUse { .. } | SimError::Listen { .. } => Exit::Link,
             SimError::Record { .. } | SimError::Output { .. } => Exit::Failed,
         };
@@ -120,18 +129,42 @@ pub struct Summary {
     pub stalled: Duration,
 }
 
+/// What a port is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Service {
+    Rtde,
+    Script(Port),
+    Dashboard,
+}
+
+/// By how much ports lie below that of RTDE.
+const SERVICES: [(Service, u16); 5] = [
+    (Service::Rtde, 0),
+    (Service::Script(Port::Primary), 3),
+    (Service::Script(Port::Secondary), 2),
+    (Service::Script(Port::Realtime), 1),
+    (Service::Dashboard, 5),
+];
+
+/// The other end's state, where the controller does not keep it.
+enum Peer {
+    Rtde(ClientId),
+    Script(Upload, Stream),
+    Dashboard(dashboard::Session),
+}
+
 struct Connection {
-    client: ClientId,
+    peer: Peer,
     stream: TcpStream,
-    /// Taken from the controller and not yet by the socket.
+    /// Taken from the peer and not yet by the socket.
     pending: Vec<u8>,
 }
 
 /// A listening controller.
 pub struct Server {
     controller: Controller,
-    listener: TcpListener,
-    address: SocketAddr,
+    listeners: Vec<(Service, TcpListener, SocketAddr)>,
+    period: Duration,
     connections: Vec<Connection>,
     record: Option<Record>,
     exit_when_idle: Option<Duration>,
@@ -145,7 +178,15 @@ pub struct Server {
 pub fn serve(options: &ServeOptions) -> Result<(), SimError> {
     let mut server = Server::bind(options)?;
     let address = server.address();
-    say(&if options.json { format!("{{\"listening\":\"{address}\"}}") } else { format!("listening on {address}") })?;
+    let [rtde, primary, secondary, realtime, dashboard] = server.addresses().map(|address| address.to_string());
+    say(&if options.json {
+        format!(
+            "{{\"listening\":\"{rtde}\",\"primary\":\"{primary}\",\"secondary\":\"{secondary}\",\
+             \"realtime\":\"{realtime}\",\"dashboard\":\"{dashboard}\"}}"
+        )
+    } else {
+        format!("listening on {address} (scripts: {primary}, {secondary}, {realtime}; dashboard: {dashboard})")
+    })?;
     let Summary { cycles, stalls, stalled } = server.run(options.stop)?;
     let seconds = stalled.as_secs_f64();
     say(&if options.json {
@@ -174,23 +215,29 @@ impl Server {
         if let Some(fault) = controller.program_fault() {
             return Err(SimError::Program { fault: fault.to_owned() });
         }
-        let address = SocketAddr::new(options.host, options.port);
-        let failed = |source: io::Error| match source.kind() {
-            io::ErrorKind::AddrInUse => SimError::AddressInUse { address },
-            _ => SimError::Listen { address, source },
-        };
-        let listener = TcpListener::bind(address).map_err(failed)?;
-        listener.set_nonblocking(true).map_err(failed)?;
-        let address = listener.local_addr().map_err(failed)?;
+        let mut listeners = Vec::new();
+        for (service, below) in SERVICES {
+            listeners.push(listen(service, SocketAddr::new(options.host, port_of(options.port, below)?))?);
+        }
         let record = options.record.as_deref().map(Record::create).transpose()?;
-        let exit_when_idle = options.exit_when_idle;
-        let summary = Summary::default();
-        Ok(Self { controller, listener, address, connections: Vec::new(), record, exit_when_idle, summary })
+        let period = Duration::from_secs(1) / options.controller.generation.cycle_rate();
+        let (exit_when_idle, connections, summary) = (options.exit_when_idle, Vec::new(), Summary::default());
+        Ok(Self { controller, listeners, period, connections, record, exit_when_idle, summary })
     }
 
-    /// Where it listens.
-    pub const fn address(&self) -> SocketAddr {
-        self.address
+    /// Where it listens for RTDE.
+    pub fn address(&self) -> SocketAddr {
+        let [rtde, ..] = self.addresses();
+        rtde
+    }
+
+    /// Where it listens: RTDE, the three ports for scripts from 30001 on, dashboard.
+    pub fn addresses(&self) -> [SocketAddr; SERVICES.len()] {
+        let mut found = [SocketAddr::from(([0, 0, 0, 0], 0)); SERVICES.len()];
+        for (found, (_, _, address)) in found.iter_mut().zip(&self.listeners) {
+            *found = *address;
+        }
+        found
     }
 
     /// Steps the controller in real time until `stop`, or until nobody is connected for long enough.
@@ -198,10 +245,11 @@ impl Server {
     /// # Errors
     /// [`SimError::Record`].
     pub fn run(&mut self, stop: impl Fn() -> bool) -> Result<Summary, SimError> {
-        let mut due = Instant::now() + PERIOD;
+        let mut due = Instant::now() + self.period;
         let mut last_connected = Instant::now();
         while !stop() {
             let stalled = self.wait_until(&mut due);
+            self.controller.stand_still(stalled.as_secs_f64());
             self.accept();
             self.read();
             self.controller.step();
@@ -210,7 +258,7 @@ impl Server {
             if let Some(record) = &mut self.record {
                 record.row(self.controller.last_cycle(), stalled)?;
             }
-            due += PERIOD;
+            due += self.period;
             if !self.connections.is_empty() {
                 last_connected = Instant::now();
             }
@@ -232,7 +280,8 @@ impl Server {
         }
         let now = Instant::now();
         let late = now.saturating_duration_since(*due);
-        if late < LATE_MAX {
+        // Later than that, two packages would come closer than half a period.
+        if late < self.period / 2 {
             return Duration::ZERO;
         }
         *due = now;
@@ -242,12 +291,18 @@ impl Server {
     }
 
     fn accept(&mut self) {
-        // An error here concerns a client that has gone again, or no client at all.
-        while let Ok((stream, _)) = self.listener.accept() {
-            let ready = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true));
-            if ready.is_ok() && self.connections.len() < CLIENTS_MAX {
-                let client = self.controller.connect();
-                self.connections.push(Connection { client, stream, pending: Vec::new() });
+        for (service, listener, _) in &self.listeners {
+            // An error here concerns a client that has gone again, or no client at all.
+            while let Ok((stream, _)) = listener.accept() {
+                let ready = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true));
+                if ready.is_ok() && self.connections.len() < CLIENTS_MAX {
+                    let peer = match service {
+                        Service::Rtde => Peer::Rtde(self.controller.connect()),
+                        Service::Script(port) => Peer::Script(Upload::default(), Stream::new(*port)),
+                        Service::Dashboard => Peer::Dashboard(dashboard::Session::default()),
+                    };
+                    self.connections.push(Connection { peer, stream, pending: Vec::new() });
+                }
             }
         }
     }
@@ -257,7 +312,7 @@ impl Server {
         self.connections.retain_mut(|connection| {
             let alive = connection.read(controller);
             if !alive {
-                controller.disconnect(connection.client);
+                connection.end(controller);
             }
             alive
         });
@@ -266,9 +321,10 @@ impl Server {
     fn write(&mut self) {
         let controller = &mut self.controller;
         self.connections.retain_mut(|connection| {
-            let alive = connection.write(controller).is_ok() && controller.is_connected(connection.client);
+            connection.feed(controller);
+            let alive = connection.write(controller).is_ok() && connection.is_wanted(controller);
             if !alive {
-                controller.disconnect(connection.client);
+                connection.end(controller);
                 // Closing follows anyway when the stream is dropped.
                 let _ = connection.stream.shutdown(Shutdown::Both);
             }
@@ -277,7 +333,74 @@ impl Server {
     }
 }
 
+/// The port so far below that of RTDE; 0 takes a free one.
+fn port_of(rtde: u16, below: u16) -> Result<u16, SimError> {
+    match rtde {
+        0 => Ok(0),
+        _ => rtde.checked_sub(below).filter(|port| *port > 0).ok_or(SimError::NoRoom { port: rtde }),
+    }
+}
+
+fn listen(service: Service, address: SocketAddr) -> Result<(Service, TcpListener, SocketAddr), SimError> {
+    let failed = |source: io::Error| match source.kind() {
+        io::ErrorKind::AddrInUse => SimError::AddressInUse { address },
+        _ => SimError::Listen { address, source },
+    };
+    let listener = TcpListener::bind(address).map_err(failed)?;
+    listener.set_nonblocking(true).map_err(failed)?;
+    let address = listener.local_addr().map_err(failed)?;
+    Ok((service, listener, address))
+}
+
+impl Peer {
+    fn handle_bytes(&mut self, bytes: &[u8], controller: &mut Controller) {
+        match self {
+            Self::Rtde(client) => controller.handle_bytes(*client, bytes),
+            Self::Dashboard(session) => session.handle_bytes(bytes, controller),
+            Self::Script(upload, _) => {
+                upload.handle_bytes(bytes);
+                for program in upload.take_programs() {
+                    controller.upload(&program);
+                }
+            }
+        }
+    }
+
+    fn poll_transmit(&mut self, controller: &mut Controller, out: &mut [u8]) -> usize {
+        match self {
+            Self::Rtde(client) => controller.poll_transmit(*client, out),
+            Self::Dashboard(session) => session.poll_transmit(out),
+            Self::Script(_, stream) => stream.poll_transmit(out),
+        }
+    }
+}
+
 impl Connection {
+    /// Whether the other end has not been given up.
+    fn is_wanted(&self, controller: &Controller) -> bool {
+        match &self.peer {
+            Peer::Rtde(client) => controller.is_connected(*client),
+            // Its last words have to leave first.
+            Peer::Dashboard(session) => session.is_open() || !self.pending.is_empty(),
+            Peer::Script(upload, _) => !upload.is_overflown(),
+        }
+    }
+
+    /// The state after the cycle, on the ports that send it unasked; nothing while the socket still has the last one.
+    fn feed(&mut self, controller: &Controller) {
+        if let Peer::Script(_, stream) = &mut self.peer
+            && self.pending.is_empty()
+        {
+            controller.feed(stream);
+        }
+    }
+
+    fn end(&self, controller: &mut Controller) {
+        if let Peer::Rtde(client) = &self.peer {
+            controller.disconnect(*client);
+        }
+    }
+
     /// Hands over what has come; false when the client has gone.
     fn read(&mut self, controller: &mut Controller) -> bool {
         let mut bytes = [0; 4096];
@@ -286,7 +409,7 @@ impl Connection {
             match self.stream.read(&mut bytes) {
                 Ok(0) => return false,
                 Ok(count) => {
-                    controller.handle_bytes(self.client, bytes.get(..count).unwrap_or(&[]));
+                    self.peer.handle_bytes(bytes.get(..count).unwrap_or(&[]), controller);
                     total += count;
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return true,
@@ -302,7 +425,7 @@ impl Connection {
         loop {
             if self.pending.is_empty() {
                 self.pending.resize(CHUNK, 0);
-                let count = controller.poll_transmit(self.client, &mut self.pending);
+                let count = self.peer.poll_transmit(controller, &mut self.pending);
                 self.pending.truncate(count);
             }
             if self.pending.is_empty() {
@@ -324,6 +447,7 @@ mod tests {
     use super::*;
     use crate::link::rtde::program::{Program, WatchdogAction};
     use crate::link::rtde::{Event, RtdeClient};
+    use crate::sim::ur::robot::Generation;
     use screed_kernel::arms::ur::UR10E;
     use screed_kernel::pose::Pose;
     use screed_kernel::units::{JointPos, Nanos};
@@ -340,6 +464,8 @@ mod tests {
                 register_offset: 24,
                 program: program.text().expect("legal"),
                 autoplay: true,
+                generation: Generation::ESeries,
+                powered: true,
             },
             host: [127, 0, 0, 1].into(),
             port: 0,
@@ -410,7 +536,7 @@ mod tests {
         open.host = [0, 0, 0, 0].into();
         assert!(matches!(Server::bind(&open), Err(SimError::NotLoopback { .. })));
         let mut broken = options(None);
-        broken.controller.program.push_str("popup(\"hello\")\n");
+        broken.controller.program.push_str("hello()\n");
         assert!(matches!(Server::bind(&broken), Err(SimError::Program { .. })));
     }
 }

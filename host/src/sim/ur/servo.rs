@@ -107,7 +107,8 @@ impl Servo {
         self.brake(BRAKING);
     }
 
-    fn forget(&mut self) {
+    /// Drops commands that are on their way.
+    pub(super) fn forget(&mut self) {
         self.transport.fill(None);
         self.last_target = None;
     }
@@ -154,7 +155,21 @@ impl Servo {
         }
     }
 
-    fn brake(&mut self, deceleration: f64) {
+    /// Puts the joints where another model says they are.
+    pub(super) fn set(&mut self, joints: [f64; 6], speeds: [f64; 6]) {
+        for ((qdd, next), now) in self.qdd.0.iter_mut().zip(speeds).zip(self.qd.0) {
+            *qdd = (next - now) / self.dt;
+        }
+        (self.q.0, self.qd.0) = (joints, speeds);
+    }
+
+    /// The joints stand still where they are.
+    pub(super) fn rest(&mut self) {
+        (self.qd, self.qdd) = (JointVel::ZERO, JointAcc::ZERO);
+    }
+
+    /// One cycle of braking, each joint by itself.
+    pub(super) fn brake(&mut self, deceleration: f64) {
         for joint in 0..6 {
             let before = self.qd.0[joint];
             let qd = before.signum() * (before.abs() - deceleration * self.dt).max(0.0);

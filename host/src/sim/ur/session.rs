@@ -12,12 +12,8 @@ use crate::link::rtde::wire::{
 
 /// Unsent bytes at which a client that does not read is cut off; real controllers keep about ten seconds.
 const BACKLOG_MAX: usize = 256 * 1024;
-/// Input recipes that one connection can set up.
-const INPUT_RECIPES_MAX: usize = 255;
 /// The rate of protocol 1 (Hz).
 const PROTOCOL_1_RATE: f64 = 125.0;
-/// What the simulated controller says its software is.
-const SOFTWARE_VERSION: [u32; 4] = [5, 11, 6, 1];
 
 /// A connection, as [`super::Controller::connect`] gave it out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -35,6 +31,8 @@ pub(super) struct Exchange {
     pub packages: u32,
     /// Cycles per second.
     pub rate: u32,
+    /// The controller's software: major, minor, bugfix, build.
+    pub software: [u32; 4],
 }
 
 #[derive(Clone, Debug)]
@@ -60,7 +58,7 @@ pub(super) struct Session {
     outbox: Vec<u8>,
     outputs: Option<OutputRecipe>,
     inputs: Vec<InputRecipe>,
-    recipes: usize,
+    output_setups: u8,
     started: bool,
     open: bool,
 }
@@ -74,7 +72,7 @@ impl Session {
             outbox: Vec::new(),
             outputs: None,
             inputs: Vec::new(),
-            recipes: 0,
+            output_setups: 0,
             started: false,
             open: true,
         }
@@ -124,7 +122,7 @@ impl Session {
                 }
                 self.send(kind, &[u8::from(accepted)]);
             }
-            PackageKind::ControllerVersion => self.send(kind, &SOFTWARE_VERSION.map(u32::to_be_bytes).concat()),
+            PackageKind::ControllerVersion => self.send(kind, &exchange.software.map(u32::to_be_bytes).concat()),
             PackageKind::SetupOutputs => self.set_up_outputs(payload, exchange),
             PackageKind::SetupInputs => self.set_up_inputs(payload, exchange),
             PackageKind::Start => {
@@ -165,9 +163,10 @@ impl Session {
         let fits = size + HEADER_LEN < PACKAGE_MAX;
         self.outputs = None;
         if complete && rate_possible && fits {
-            let id = self.next_recipe();
+            self.output_setups = self.output_setups.checked_add(1).unwrap_or(1);
+            let id = self.output_setups;
             // At least 1, for the rate is at most the full one; a rate that is no divisor is served by the next faster one.
-            self.outputs = id.map(|id| OutputRecipe { id, fields, divisor: (full / rate) as u64 });
+            self.outputs = Some(OutputRecipe { id, fields, divisor: (full / rate) as u64 });
         }
         if !rate_possible {
             self.send_text(TextLevel::Error, &format!("Output frequency {rate} Hz is not within 0 to {full} Hz"));
@@ -191,8 +190,9 @@ impl Session {
                 }
             }
         }
-        let complete = !fields.is_empty() && fields.len() == types.len() && self.inputs.len() < INPUT_RECIPES_MAX;
-        let id = if complete { self.next_recipe() } else { None };
+        let complete = !fields.is_empty() && fields.len() == types.len();
+        // Counted from 1 on each connection, apart from the outputs': some clients do not read the answer's id.
+        let id = u8::try_from(self.inputs.len() + 1).ok().filter(|_| complete);
         if let Some(id) = id {
             for (place, _) in &fields {
                 if let Some(owner) = exchange.owners.get_mut(*place) {
@@ -202,13 +202,6 @@ impl Session {
             self.inputs.push(InputRecipe { id, fields });
         }
         self.send_types(PackageKind::SetupInputs, Some(id.unwrap_or(0)), &types);
-    }
-
-    /// Recipes are counted from 1 on each connection, whatever their direction: some clients do not read the answer's id.
-    fn next_recipe(&mut self) -> Option<u8> {
-        let id = u8::try_from(self.recipes + 1).ok()?;
-        self.recipes += 1;
-        Some(id)
     }
 
     fn take_data(&mut self, payload: &[u8], exchange: &mut Exchange) {
@@ -233,7 +226,7 @@ impl Session {
     }
 
     /// Sends the recipe's outputs when this cycle is due.
-    pub(super) fn send_state(&mut self, snapshot: &Snapshot, inputs: &InputValues) {
+    pub(super) fn send_state(&mut self, snapshot: &Snapshot<'_>, inputs: &InputValues) {
         let Some(recipe) =
             self.outputs.as_ref().filter(|recipe| self.started && snapshot.cycle.is_multiple_of(recipe.divisor))
         else {

@@ -1,7 +1,7 @@
 //! Client and controller on one wire, in virtual time; and the controller alone against bytes of other clients.
 
 use super::*;
-use crate::link::rtde::program::{Program, ProgramState};
+use crate::link::rtde::program::{Program, ProgramState, WatchdogAction};
 use crate::link::rtde::{Event, LinkError, Phase, RobotState, RtdeClient};
 use screed_kernel::arms::ur::{UR10E, UR18};
 use screed_kernel::units::Nanos;
@@ -22,6 +22,8 @@ fn options(program: &Program) -> Options {
         register_offset: program.register_offset,
         program: program.text().expect("a legal program"),
         autoplay: true,
+        generation: Generation::ESeries,
+        powered: true,
     }
 }
 
@@ -199,9 +201,9 @@ fn without_its_servoj_line_the_program_runs_and_the_robot_stands_still() {
 fn a_script_that_is_not_understood_stops_the_program_and_says_so() {
     let program = program(500, 0, 0.03);
     for (from, to) in [
-        ("sync()", "sleep(0.5)"),
+        ("sync()", "snooze(0.5)"),
         ("while (not following):", "while not following"),
-        ("servoj(setpoint, 0, 0", "servoj(setpoint, 0"),
+        ("servoj(setpoint, 0, 0", "servoj(setpoint, 0, 0, 0"),
         ("def screed():", "def screed(:"),
     ] {
         let mut broken = options(&program);
@@ -250,7 +252,7 @@ fn the_watchdog_bites_only_after_the_first_setpoint_and_brings_the_robot_to_rest
     // 0.1 s are 50 cycles; the last setpoint may still have been under way.
     let cycles = stopped_at.expect("stopped") - silent_from;
     assert!((50..=52).contains(&cycles), "{cycles}");
-    assert_eq!(bench.controller.servo.qd.0, [0.0; 6]);
+    assert_eq!(bench.controller.body.servo.qd.0, [0.0; 6]);
     assert!(bench.texts.iter().any(|text| text.contains("watchdog")), "{:?}", bench.texts);
 }
 
@@ -265,7 +267,7 @@ fn a_step_no_arm_can_follow_is_a_protective_stop() {
     assert!(last.actual_q.0[0] < START.0[0] + 0.11, "moved on to {}", last.actual_q.0[0]);
     assert_eq!(last.actual_qd.0, [0.0; 6]);
     assert!(bench.texts.iter().any(|text| text.contains("protective stop")), "{:?}", bench.texts);
-    bench.controller.play();
+    assert_eq!(bench.controller.play(), Err(Refusal::State));
     assert_eq!(bench.controller.last_cycle().runtime_state, RuntimeState::Paused);
 }
 
@@ -274,7 +276,7 @@ fn the_record_holds_what_was_received() {
     let program = program(125, 24, 0.03);
     let mut bench = Bench::new(&program, options(&program));
     let state = bench.start();
-    assert_eq!(state.timestamp, timestamp(bench.controller.last_cycle().cycle));
+    assert_eq!(state.timestamp, timestamp(bench.controller.last_cycle().cycle, 500));
     bench.client.send_setpoint(7, &shifted(0.001)).expect("running");
     bench.client.send_setpoint(8, &shifted(0.002)).expect("running");
     bench.cycle().expect("linked");
@@ -357,10 +359,10 @@ fn bytes_of_a_foreign_client_get_the_bytes_it_expects() {
     // Input recipes of the same variable, data without a start.
     let mut watchdog = vec![0, 24, b'I'];
     watchdog.extend(b"input_int_register_0,");
-    let mut expected = hex("00094902");
+    let mut expected = hex("00094901");
     expected.extend(b"INT32");
     assert_eq!(answer(&mut controller, client, &watchdog), expected);
-    assert_eq!(answer(&mut controller, client, &hex("0008550200000001")), b"");
+    assert_eq!(answer(&mut controller, client, &hex("0008550100000001")), b"");
     controller.step();
     assert_eq!(controller.last_cycle().seq, 1);
     assert_eq!(answer(&mut controller, client, &hex("000353")), hex("00045301"));
@@ -403,7 +405,7 @@ fn protocol_1_has_no_rate_and_no_recipe_ids() {
     }
     let data = answer(&mut controller, client, b"");
     assert_eq!(data[..3], [0, 11, b'U']);
-    assert_eq!(data[3..], timestamp(4).to_be_bytes());
+    assert_eq!(data[3..], timestamp(4, 500).to_be_bytes());
 }
 
 #[test]

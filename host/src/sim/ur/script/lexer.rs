@@ -1,15 +1,16 @@
-//! One line of script to tokens.
+//! Script to tokens. A line break is a blank like any other: real programs break lines in the middle of a statement and put
+//! two statements on one line.
 
 use super::ScriptError;
 use std::fmt;
 
-/// The smallest pieces of a line.
+/// The smallest pieces of a script.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Token {
     Number(f64),
     Text(String),
     Word(String),
-    /// One of `( ) [ ] , : = - == != < <= > >=`.
+    /// One of [`SYMBOLS`].
     Symbol(&'static str),
 }
 
@@ -25,21 +26,41 @@ impl fmt::Display for Token {
 }
 
 /// Longer ones first, so that `==` is not two `=`.
-const SYMBOLS: [&str; 14] = ["==", "!=", "<=", ">=", "(", ")", "[", "]", ",", ":", "=", "-", "<", ">"];
+const SYMBOLS: [&str; 18] =
+    ["==", "!=", "<=", ">=", "(", ")", "[", "]", ",", ":", "=", "-", "<", ">", "+", "*", "/", "%"];
 
-/// The tokens of a line; `#` starts a comment.
-pub(super) fn tokens(line: usize, text: &str) -> Result<Vec<Token>, ScriptError> {
+/// The tokens of a script with their lines, which count from 1; `#` starts a comment.
+pub(super) fn tokens(text: &str) -> Result<Vec<(usize, Token)>, ScriptError> {
     let mut found = Vec::new();
+    for (line, content) in (1..).zip(text.lines()) {
+        tokens_of_line(line, content, &mut found)?;
+    }
+    Ok(found)
+}
+
+fn tokens_of_line(line: usize, text: &str, found: &mut Vec<(usize, Token)>) -> Result<(), ScriptError> {
     let mut rest = text.trim_start();
     while let Some(first) = rest.chars().next() {
         if first == '#' {
             break;
         }
         let (token, tail) = token(line, first, rest)?;
-        found.push(token);
+        found.push((line, token));
         rest = tail.trim_start();
     }
-    Ok(found)
+    Ok(())
+}
+
+/// By how much a line opens more blocks than it closes.
+pub(super) fn depth_change(text: &str) -> Result<i32, ScriptError> {
+    let mut found = Vec::new();
+    tokens_of_line(1, text, &mut found)?;
+    let change = |token: &Token| match token {
+        Token::Word(word) if matches!(word.as_str(), "def" | "sec" | "thread" | "while" | "if") => 1,
+        Token::Word(word) if word == "end" => -1,
+        _ => 0,
+    };
+    Ok(found.iter().map(|(_, token)| change(token)).sum())
 }
 
 fn token(line: usize, first: char, rest: &str) -> Result<(Token, &str), ScriptError> {

@@ -1,346 +1,379 @@
-//! Lines to instructions: recursive descent for expressions, a stack of open blocks for the rest.
+//! Tokens to instructions: recursive descent, in one pass after the names of all routines are known.
 
+mod expression;
+
+use super::ScriptError;
+use super::code::{Code, Name, Op, Routine, Scope, Script, Value};
 use super::lexer::{Token, tokens};
-use super::{Code, Comparison, Expression, Function, Instruction, Scope, Script, ScriptError};
 
-const LINES_MAX: usize = 20_000;
-const THREADS_MAX: usize = 16;
+const TOKENS_MAX: usize = 200_000;
+const ROUTINES_MAX: usize = 512;
 /// Depth of nested expressions and blocks; bounds the parser's own stack.
 const DEPTH_MAX: usize = 32;
 
-/// Loads a script.
+/// Words that are no variables.
+const KEYWORDS: [&str; 22] = [
+    "and",
+    "break",
+    "continue",
+    "def",
+    "elif",
+    "else",
+    "end",
+    "enter_critical",
+    "exit_critical",
+    "global",
+    "halt",
+    "if",
+    "join",
+    "kill",
+    "local",
+    "not",
+    "or",
+    "return",
+    "run",
+    "thread",
+    "while",
+    "xor",
+];
+
+/// Loads a program: one `def name(): … end`, or `sec`.
 ///
 /// # Errors
 /// [`ScriptError`] names the first line that is not understood.
 pub fn parse(text: &str) -> Result<Script, ScriptError> {
-    let mut parser = Parser { name: None, ended: false, main: Code::new(), threads: Vec::new(), blocks: Vec::new() };
-    let mut last = 0;
-    for (index, content) in text.lines().enumerate() {
-        last = index + 1;
-        if last > LINES_MAX {
-            return Err(ScriptError::TooMuch { line: last, what: "lines", limit: LINES_MAX });
-        }
-        let tokens = tokens(last, content)?;
-        if !tokens.is_empty() {
-            parser.statement(Line { number: last, tokens: &tokens, at: 0, depth: 0 })?;
-        }
+    let tokens = tokens(text)?;
+    if tokens.len() > TOKENS_MAX {
+        return Err(ScriptError::TooMuch { line: 1, what: "words", limit: TOKENS_MAX });
     }
-    if !parser.ended {
-        return Err(syntax(last, "'end'", "the end of the script"));
+    let mut parser =
+        Parser { tokens: &tokens, at: 0, depth: 0, names: Vec::new(), routines: Vec::new(), loops: Vec::new() };
+    parser.declare_routines()?;
+    let secondary = parser.is_word("sec");
+    if !secondary && !parser.is_word("def") {
+        return Err(parser.expected("'def'"));
     }
-    parser.finish()
+    parser.routine()?;
+    if parser.at < tokens.len() {
+        return Err(parser.expected("nothing behind the program"));
+    }
+    Ok(Script { names: parser.names, routines: parser.routines, secondary })
 }
 
-fn syntax(line: usize, expected: &'static str, found: &str) -> ScriptError {
-    ScriptError::Syntax { line, expected, found: found.to_owned() }
+struct Parser<'a> {
+    tokens: &'a [(usize, Token)],
+    at: usize,
+    depth: usize,
+    names: Vec<String>,
+    routines: Vec<Routine>,
+    /// Of each loop that is open its start and the jumps that leave it, still without target.
+    loops: Vec<(usize, Vec<usize>)>,
 }
 
-/// A block that waits for its `end`.
-enum Block {
-    Program,
-    Thread,
-    /// Where its condition is, and the jump that leaves it.
-    While {
-        condition: usize,
-    },
-    /// The jump over it, still without target.
-    If {
-        jump: usize,
-    },
-}
+impl Parser<'_> {
+    fn peek(&self) -> Option<&Token> {
+        self.tokens.get(self.at).map(|(_, token)| token)
+    }
 
-struct Parser {
-    name: Option<String>,
-    ended: bool,
-    main: Code,
-    threads: Vec<(String, Code)>,
-    blocks: Vec<Block>,
-}
+    fn ahead(&self, by: usize) -> Option<&Token> {
+        self.tokens.get(self.at + by).map(|(_, token)| token)
+    }
 
-impl Parser {
-    fn statement(&mut self, mut line: Line<'_>) -> Result<(), ScriptError> {
-        let number = line.number;
-        let first = match line.tokens {
-            [Token::Word(word), ..] => word.as_str(),
-            [other, ..] => return Err(syntax(number, "statement", &other.to_string())),
-            [] => return Ok(()),
-        };
-        if self.ended || (self.name.is_none() && first != "def") {
-            let expected = if self.ended { "nothing behind the program" } else { "'def'" };
-            return Err(syntax(number, expected, first));
+    /// The line of the next token, or of the last one.
+    fn line(&self) -> usize {
+        self.tokens.get(self.at).or_else(|| self.tokens.last()).map_or(1, |(line, _)| *line)
+    }
+
+    fn expected(&self, expected: &'static str) -> ScriptError {
+        let found = self.peek().map_or_else(|| "the end of the script".to_owned(), ToString::to_string);
+        ScriptError::Syntax { line: self.line(), expected, found }
+    }
+
+    fn is_word(&self, word: &str) -> bool {
+        matches!(self.peek(), Some(Token::Word(found)) if found == word)
+    }
+
+    fn accept_word(&mut self, word: &str) -> bool {
+        let found = self.is_word(word);
+        self.at += usize::from(found);
+        found
+    }
+
+    fn is_symbol(&self, symbol: &str) -> bool {
+        matches!(self.peek(), Some(Token::Symbol(found)) if *found == symbol)
+    }
+
+    fn accept(&mut self, symbol: &str) -> bool {
+        let found = self.is_symbol(symbol);
+        self.at += usize::from(found);
+        found
+    }
+
+    fn symbol(&mut self, symbol: &'static str) -> Result<(), ScriptError> {
+        if self.accept(symbol) {
+            return Ok(());
         }
-        if self.blocks.len() >= DEPTH_MAX {
-            return Err(ScriptError::TooMuch { line: number, what: "nested blocks", limit: DEPTH_MAX });
-        }
-        match first {
-            "def" | "thread" => self.open_routine(&mut line, first == "thread"),
-            "while" | "if" => self.open_condition(&mut line, first == "while"),
-            "else" => self.turn_to_else(&mut line),
-            "end" => {
-                line.skip();
-                line.finish()?;
-                self.close(number)
+        // What is missing at the end of a line is missed there, not where the next line begins.
+        let before = self.at.checked_sub(1).and_then(|at| self.tokens.get(at)).map(|(line, _)| *line);
+        match before {
+            Some(line) if line < self.line() => {
+                Err(ScriptError::Syntax { line, expected: symbol, found: "the end of the line".to_owned() })
             }
+            _ => Err(self.expected(symbol)),
+        }
+    }
+
+    fn name(&mut self, expected: &'static str) -> Result<String, ScriptError> {
+        match self.peek() {
+            Some(Token::Word(word)) if !KEYWORDS.contains(&word.as_str()) => {
+                let word = word.clone();
+                self.at += 1;
+                Ok(word)
+            }
+            _ => Err(self.expected(expected)),
+        }
+    }
+
+    fn intern(&mut self, word: String) -> Name {
+        if let Some(place) = self.names.iter().position(|known| *known == word) {
+            return place;
+        }
+        self.names.push(word);
+        self.names.len() - 1
+    }
+
+    fn enter(&mut self) -> Result<(), ScriptError> {
+        self.depth += 1;
+        if self.depth > DEPTH_MAX {
+            let what = "levels of nested blocks and expressions";
+            return Err(ScriptError::TooMuch { line: self.line(), what, limit: DEPTH_MAX });
+        }
+        Ok(())
+    }
+
+    /// Finds every routine's name first, so that calls need not stand behind definitions.
+    fn declare_routines(&mut self) -> Result<(), ScriptError> {
+        for pair in self.tokens.windows(2) {
+            let [(line, Token::Word(opener)), (_, Token::Word(name))] = pair else { continue };
+            if !matches!(opener.as_str(), "def" | "sec" | "thread") {
+                continue;
+            }
+            if self.routines.len() >= ROUTINES_MAX {
+                return Err(ScriptError::TooMuch { line: *line, what: "functions and threads", limit: ROUTINES_MAX });
+            }
+            if self.routines.iter().any(|known| known.name == *name) {
+                return Err(ScriptError::Syntax { line: *line, expected: "a name not yet taken", found: name.clone() });
+            }
+            let is_thread = opener == "thread";
+            self.routines.push(Routine { name: name.clone(), parameters: Vec::new(), is_thread, code: Code::new() });
+        }
+        Ok(())
+    }
+
+    /// From `def`, `sec` or `thread` to its `end`.
+    fn routine(&mut self) -> Result<(), ScriptError> {
+        self.enter()?;
+        self.at += 1;
+        let name = self.name("name")?;
+        let place = self.find(&name).ok_or_else(|| self.expected("name"))?;
+        self.symbol("(")?;
+        let mut parameters = Vec::new();
+        while !self.accept(")") {
+            let parameter = self.name("parameter")?;
+            parameters.push(self.intern(parameter));
+            if !self.accept(",") && !self.is_symbol(")") {
+                return Err(self.expected("',' or ')'"));
+            }
+        }
+        self.symbol(":")?;
+        let loops = std::mem::take(&mut self.loops);
+        let mut code = Code::new();
+        self.block(&mut code)?;
+        self.loops = loops;
+        let line = self.line();
+        if !self.accept_word("end") {
+            return Err(self.expected("'end'"));
+        }
+        code.push((line, Op::Push(Value::Nothing)));
+        code.push((line, Op::Return));
+        if let Some(routine) = self.routines.get_mut(place) {
+            routine.parameters = parameters;
+            routine.code = code;
+        }
+        self.depth -= 1;
+        Ok(())
+    }
+
+    fn find(&self, name: &str) -> Option<usize> {
+        self.routines.iter().position(|routine| routine.name == name)
+    }
+
+    /// Statements up to a word that ends them.
+    fn block(&mut self, code: &mut Code) -> Result<(), ScriptError> {
+        loop {
+            match self.peek() {
+                None => return Err(self.expected("'end'")),
+                Some(Token::Word(word)) if matches!(word.as_str(), "end" | "else" | "elif") => return Ok(()),
+                Some(_) => self.statement(code)?,
+            }
+        }
+    }
+
+    fn statement(&mut self, code: &mut Code) -> Result<(), ScriptError> {
+        let line = self.line();
+        let word = match self.peek() {
+            Some(Token::Word(word)) => word.clone(),
+            _ => return Err(self.expected("statement")),
+        };
+        match word.as_str() {
+            "def" | "thread" => return self.routine(),
+            "if" => return self.condition(code),
+            "while" => return self.repeat(code),
+            "global" | "local" => {
+                self.at += 1;
+                let scope = if word == "global" { Scope::Global } else { Scope::Local };
+                return self.assignment(code, scope);
+            }
+            _ => {}
+        }
+        let one_word = match word.as_str() {
+            "enter_critical" => Some(Op::EnterCritical),
+            "exit_critical" => Some(Op::ExitCritical),
+            "halt" => Some(Op::Halt),
+            _ => None,
+        };
+        if let Some(op) = one_word {
+            self.at += 1;
+            code.push((line, op));
+            return Ok(());
+        }
+        match word.as_str() {
+            "break" | "continue" => self.leave(code, line, word == "break"),
+            "return" => {
+                self.at += 1;
+                let has_value = self.line() == line && self.peek().is_some() && !self.is_word("end");
+                if has_value {
+                    self.expression(code)?
+                } else {
+                    code.push((line, Op::Push(Value::Nothing)))
+                }
+                code.push((line, Op::Return));
+                Ok(())
+            }
+            "kill" | "join" => {
+                self.at += 1;
+                self.expression(code)?;
+                code.push((line, if word == "kill" { Op::Kill } else { Op::Join }));
+                Ok(())
+            }
+            _ if matches!(self.ahead(1), Some(Token::Symbol("="))) => self.assignment(code, Scope::Nearest),
+            _ if matches!(self.ahead(1), Some(Token::Symbol("["))) => self.element_assignment(code),
             _ => {
-                let instruction = self.simple(&mut line)?;
-                line.finish()?;
-                self.push(number, instruction);
+                self.expression(code)?;
+                code.push((line, Op::Drop));
                 Ok(())
             }
         }
     }
 
-    fn open_routine(&mut self, line: &mut Line<'_>, thread: bool) -> Result<(), ScriptError> {
-        let opener = if thread { "thread" } else { "def" };
-        line.skip();
-        let name = line.word("name")?;
-        line.symbols(&["(", ")", ":"])?;
-        line.finish()?;
-        match (thread, self.blocks.as_slice()) {
-            (false, []) => {
-                self.name = Some(name);
-                self.blocks.push(Block::Program);
-            }
-            (true, [Block::Program]) => {
-                if self.threads.len() >= THREADS_MAX {
-                    let limit = THREADS_MAX;
-                    return Err(ScriptError::TooMuch { line: line.number, what: "threads", limit });
-                }
-                self.threads.push((name, Code::new()));
-                self.blocks.push(Block::Thread);
-            }
-            _ => return Err(syntax(line.number, "statement", opener)),
-        }
+    fn assignment(&mut self, code: &mut Code, scope: Scope) -> Result<(), ScriptError> {
+        let line = self.line();
+        let name = self.name("variable")?;
+        let name = self.intern(name);
+        self.symbol("=")?;
+        self.expression(code)?;
+        code.push((line, Op::Store(scope, name)));
         Ok(())
     }
 
-    fn open_condition(&mut self, line: &mut Line<'_>, repeat: bool) -> Result<(), ScriptError> {
-        line.skip();
-        let condition = line.expression(&self.threads)?;
-        line.symbols(&[":"])?;
-        line.finish()?;
-        let place = self.code().len();
-        self.push(line.number, Instruction::JumpUnless(condition, usize::MAX));
-        self.blocks.push(if repeat { Block::While { condition: place } } else { Block::If { jump: place } });
+    fn element_assignment(&mut self, code: &mut Code) -> Result<(), ScriptError> {
+        let line = self.line();
+        let name = self.name("variable")?;
+        let name = self.intern(name);
+        self.symbol("[")?;
+        self.expression(code)?;
+        self.symbol("]")?;
+        self.symbol("=")?;
+        self.expression(code)?;
+        code.push((line, Op::StoreElement(name)));
         Ok(())
     }
 
-    fn turn_to_else(&mut self, line: &mut Line<'_>) -> Result<(), ScriptError> {
-        line.skip();
-        line.symbols(&[":"])?;
-        line.finish()?;
-        let Some(Block::If { jump }) = self.blocks.pop() else {
-            return Err(syntax(line.number, "statement", "else"));
-        };
-        let over = self.code().len();
-        self.push(line.number, Instruction::Jump(usize::MAX));
-        self.set_target(jump);
-        self.blocks.push(Block::If { jump: over });
-        Ok(())
-    }
-
-    fn close(&mut self, number: usize) -> Result<(), ScriptError> {
-        match self.blocks.pop() {
-            Some(Block::Program) => self.ended = true,
-            Some(Block::Thread) => {}
-            Some(Block::While { condition }) => {
-                self.push(number, Instruction::Jump(condition));
-                self.set_target(condition);
-            }
-            Some(Block::If { jump }) => self.set_target(jump),
-            None => return Err(syntax(number, "statement", "end")),
-        }
-        Ok(())
-    }
-
-    /// Assignment or call.
-    fn simple(&self, line: &mut Line<'_>) -> Result<Instruction, ScriptError> {
-        let scope = match line.peek() {
-            Some(Token::Word(word)) if word == "global" => Scope::Global,
-            Some(Token::Word(word)) if word == "local" => Scope::Local,
-            _ => Scope::Nearest,
-        };
-        if scope != Scope::Nearest {
-            line.skip();
-        }
-        let assigns = matches!(line.tokens.get(line.at..), Some([Token::Word(_), Token::Symbol("="), ..]));
-        if !assigns && scope == Scope::Nearest {
-            return Ok(Instruction::Evaluate(line.expression(&self.threads)?));
-        }
-        let name = line.word("variable")?;
-        line.symbols(&["="])?;
-        Ok(Instruction::Assign(scope, name, line.expression(&self.threads)?))
-    }
-
-    fn code(&mut self) -> &mut Code {
-        let in_thread = self.blocks.iter().any(|block| matches!(block, Block::Thread));
-        match self.threads.last_mut() {
-            Some((_, code)) if in_thread => code,
-            _ => &mut self.main,
-        }
-    }
-
-    fn push(&mut self, line: usize, instruction: Instruction) {
-        self.code().push((line, instruction));
-    }
-
-    /// Lets the jump at `place` go to what comes next.
-    fn set_target(&mut self, place: usize) {
-        let code = self.code();
-        let next = code.len();
-        if let Some((_, Instruction::Jump(target) | Instruction::JumpUnless(_, target))) = code.get_mut(place) {
-            *target = next;
-        }
-    }
-
-    fn finish(self) -> Result<Script, ScriptError> {
-        let threads = self.threads.into_iter().map(|(_, code)| code).collect();
-        Ok(Script { name: self.name.unwrap_or_default(), main: self.main, threads })
-    }
-}
-
-/// The tokens of a line and how far they are read.
-struct Line<'a> {
-    number: usize,
-    tokens: &'a [Token],
-    at: usize,
-    depth: usize,
-}
-
-impl Line<'_> {
-    fn peek(&self) -> Option<&Token> {
-        self.tokens.get(self.at)
-    }
-
-    fn skip(&mut self) {
-        self.at += 1;
-    }
-
-    fn expected(&self, expected: &'static str) -> ScriptError {
-        let found = self.peek().map_or_else(|| "the end of the line".to_owned(), ToString::to_string);
-        ScriptError::Syntax { line: self.number, expected, found }
-    }
-
-    fn finish(&self) -> Result<(), ScriptError> {
-        if self.at < self.tokens.len() { Err(self.expected("the end of the line")) } else { Ok(()) }
-    }
-
-    fn word(&mut self, expected: &'static str) -> Result<String, ScriptError> {
-        let Some(Token::Word(word)) = self.peek() else { return Err(self.expected(expected)) };
-        let word = word.clone();
-        self.skip();
-        Ok(word)
-    }
-
-    fn accept(&mut self, symbol: &str) -> bool {
-        let found = matches!(self.peek(), Some(Token::Symbol(found)) if *found == symbol);
-        self.at += usize::from(found);
-        found
-    }
-
-    fn symbols(&mut self, symbols: &[&'static str]) -> Result<(), ScriptError> {
-        for symbol in symbols {
-            if !self.accept(symbol) {
-                return Err(self.expected(symbol));
-            }
-        }
-        Ok(())
-    }
-
-    /// A comparison, or one of its sides alone.
-    fn expression(&mut self, threads: &[(String, Code)]) -> Result<Expression, ScriptError> {
-        self.depth += 1;
-        if self.depth > DEPTH_MAX {
-            return Err(ScriptError::TooMuch { line: self.number, what: "nested expressions", limit: DEPTH_MAX });
-        }
-        let left = self.operand(threads)?;
-        let comparison = match self.peek() {
-            Some(Token::Symbol("==")) => Comparison::Equal,
-            Some(Token::Symbol("!=")) => Comparison::NotEqual,
-            Some(Token::Symbol("<")) => Comparison::Less,
-            Some(Token::Symbol("<=")) => Comparison::LessOrEqual,
-            Some(Token::Symbol(">")) => Comparison::Greater,
-            Some(Token::Symbol(">=")) => Comparison::GreaterOrEqual,
-            _ => {
-                self.depth -= 1;
-                return Ok(left);
-            }
-        };
-        self.skip();
-        let right = self.operand(threads)?;
-        self.depth -= 1;
-        Ok(Expression::Compare(comparison, Box::new(left), Box::new(right)))
-    }
-
-    fn operand(&mut self, threads: &[(String, Code)]) -> Result<Expression, ScriptError> {
-        let Some(token) = self.peek().cloned() else { return Err(self.expected("value")) };
-        let here = self.expected("value");
-        self.skip();
-        match token {
-            Token::Number(value) => Ok(Expression::Number(value)),
-            Token::Text(text) => Ok(Expression::Text(text)),
-            Token::Symbol("-") => Ok(Expression::Negate(Box::new(self.nested(threads)?))),
-            Token::Symbol("(") => {
-                let inner = self.expression(threads)?;
-                self.symbols(&[")"])?;
-                Ok(inner)
-            }
-            Token::Symbol("[") => Ok(Expression::List(self.items(threads, "]")?)),
-            Token::Symbol(_) => Err(here),
-            Token::Word(word) => match word.as_str() {
-                "True" => Ok(Expression::Boolean(true)),
-                "False" => Ok(Expression::Boolean(false)),
-                "not" => Ok(Expression::Not(Box::new(self.nested(threads)?))),
-                "run" => self.run(threads),
-                _ if self.accept("(") => self.call(threads, word),
-                _ => Ok(Expression::Variable(word)),
-            },
-        }
-    }
-
-    /// The operand of a prefix, one level deeper.
-    fn nested(&mut self, threads: &[(String, Code)]) -> Result<Expression, ScriptError> {
-        self.depth += 1;
-        if self.depth > DEPTH_MAX {
-            return Err(ScriptError::TooMuch { line: self.number, what: "nested expressions", limit: DEPTH_MAX });
-        }
-        let inner = self.operand(threads)?;
-        self.depth -= 1;
-        Ok(inner)
-    }
-
-    fn run(&mut self, threads: &[(String, Code)]) -> Result<Expression, ScriptError> {
-        let line = self.number;
-        let name = self.word("thread")?;
-        self.symbols(&["(", ")"])?;
-        let index = threads.iter().position(|(known, _)| *known == name);
-        index.map(Expression::Run).ok_or(ScriptError::UnknownThread { line, name })
-    }
-
-    fn call(&mut self, threads: &[(String, Code)], name: String) -> Result<Expression, ScriptError> {
-        let line = self.number;
-        let arguments = self.items(threads, ")")?;
-        let (function, name, expected) = Function::find(&name).ok_or(ScriptError::UnknownFunction { line, name })?;
-        if arguments.len() != expected {
-            return Err(ScriptError::ArgumentCount { line, name, expected, found: arguments.len() });
-        }
-        Ok(Expression::Call(function, arguments))
-    }
-
-    /// Comma-separated values up to the closing symbol.
-    fn items(&mut self, threads: &[(String, Code)], close: &'static str) -> Result<Vec<Expression>, ScriptError> {
-        let mut items = Vec::new();
-        if self.accept(close) {
-            return Ok(items);
-        }
+    fn condition(&mut self, code: &mut Code) -> Result<(), ScriptError> {
+        self.enter()?;
+        let mut to_end = Vec::new();
         loop {
-            items.push(self.expression(threads)?);
-            if self.accept(close) {
-                return Ok(items);
+            let line = self.line();
+            self.at += 1;
+            self.expression(code)?;
+            self.symbol(":")?;
+            let skip = push(code, line, Op::JumpUnless(usize::MAX));
+            self.block(code)?;
+            let another = self.is_word("elif");
+            let last = self.accept_word("else");
+            if another || last {
+                to_end.push(push(code, line, Op::Jump(usize::MAX)));
             }
-            if !self.accept(",") {
-                return Err(self.expected("',' or the closing bracket"));
+            land(code, skip);
+            if last {
+                self.symbol(":")?;
+                self.block(code)?;
+            }
+            if !another {
+                break;
             }
         }
+        if !self.accept_word("end") {
+            return Err(self.expected("'end'"));
+        }
+        for jump in to_end {
+            land(code, jump);
+        }
+        self.depth -= 1;
+        Ok(())
+    }
+
+    fn repeat(&mut self, code: &mut Code) -> Result<(), ScriptError> {
+        self.enter()?;
+        let line = self.line();
+        self.at += 1;
+        let start = code.len();
+        self.expression(code)?;
+        self.symbol(":")?;
+        let leave = push(code, line, Op::JumpUnless(usize::MAX));
+        self.loops.push((start, vec![leave]));
+        self.block(code)?;
+        if !self.accept_word("end") {
+            return Err(self.expected("'end'"));
+        }
+        push(code, line, Op::Jump(start));
+        for jump in self.loops.pop().map(|(_, leave)| leave).unwrap_or_default() {
+            land(code, jump);
+        }
+        self.depth -= 1;
+        Ok(())
+    }
+
+    fn leave(&mut self, code: &mut Code, line: usize, out: bool) -> Result<(), ScriptError> {
+        let Some((start, leave)) = self.loops.last_mut() else { return Err(self.expected("statement")) };
+        let jump = push(code, line, Op::Jump(*start));
+        if out {
+            leave.push(jump);
+        }
+        self.at += 1;
+        Ok(())
+    }
+}
+
+fn push(code: &mut Code, line: usize, op: Op) -> usize {
+    code.push((line, op));
+    code.len() - 1
+}
+
+/// Lets the jump at `place` go to what comes next.
+fn land(code: &mut Code, place: usize) {
+    let next = code.len();
+    if let Some((_, Op::Jump(target) | Op::JumpUnless(target))) = code.get_mut(place) {
+        *target = next;
     }
 }

@@ -1,0 +1,228 @@
+//! One control cycle.
+
+use super::body::MotionRefused;
+use super::fields::Snapshot;
+use super::machine::{Machine, Notice, Surroundings, WatchdogRequest};
+use super::robot::{Power, Safety};
+use super::script::ScriptError;
+use super::session::Session;
+use super::streams::{Scene, Stream};
+use super::{Controller, CycleRecord, RuntimeState, Watchdog, numbers, timestamp};
+use crate::link::rtde::program::WatchdogAction;
+
+impl Controller {
+    /// One control cycle: inputs, watchdogs, program, motion, outputs.
+    pub fn step(&mut self) {
+        let cycle = self.record.cycle + 1;
+        let packages = std::mem::take(&mut self.exchange.packages);
+        self.robot.step(1.0 / f64::from(self.exchange.rate));
+        self.apply_written_outputs();
+        self.check_watchdogs(cycle);
+        self.run_programs(cycle);
+        self.move_joints();
+        let first = usize::from(self.options.register_offset);
+        let mut registers = [0.0; 6];
+        for (register, value) in (first..).zip(&mut registers) {
+            *value = self.exchange.inputs.double(register);
+        }
+        self.record = CycleRecord {
+            cycle,
+            timestamp: timestamp(cycle, self.exchange.rate),
+            received: packages > 0,
+            packages,
+            seq: self.exchange.inputs.int(first),
+            registers,
+            target_q: self.body.servo.q,
+            actual_q: self.body.servo.q,
+            runtime_state: self.runtime,
+        };
+        // Taken out, so that the rest can be looked at meanwhile.
+        let mut sessions = std::mem::take(&mut self.sessions);
+        if sessions.values().any(Session::is_started) {
+            let snapshot = self.snapshot();
+            for session in sessions.values_mut() {
+                session.send_state(&snapshot, &self.exchange.inputs);
+            }
+        }
+        self.sessions = sessions;
+    }
+
+    /// Hands the state after the cycle to a client of 30001 to 30003.
+    pub fn feed(&self, stream: &mut Stream) {
+        stream.handle_cycle(&Scene {
+            snapshot: &self.snapshot(),
+            robot: &self.robot,
+            runtime: self.runtime,
+            arm: &self.body.arm,
+            generation: self.options.generation,
+        });
+    }
+
+    /// Time passes without a cycle: for the robot's power and safety, whose times are a person's, not for its motion.
+    pub fn stand_still(&mut self, seconds: f64) {
+        self.robot.step(seconds);
+    }
+
+    /// What clients wrote since the last cycle; what they wrote before may have been overwritten by the program.
+    fn apply_written_outputs(&mut self) {
+        let groups = ["standard_digital_output", "configurable_digital_output", "tool_digital_output"];
+        for (bits, group) in self.outputs.digital.iter_mut().zip(groups) {
+            if self.exchange.inputs.is_digital_updated(group, &self.exchange.updated) {
+                *bits = self.exchange.inputs.digital(group, *bits);
+            }
+        }
+        if self.exchange.inputs.is_digital_updated("standard_analog_output", &self.exchange.updated) {
+            for (place, (written, is_voltage, share)) in self.exchange.inputs.analog().into_iter().enumerate() {
+                if written {
+                    self.outputs.set_analog(place, is_voltage, share);
+                }
+            }
+        }
+    }
+
+    fn check_watchdogs(&mut self, cycle: u64) {
+        let mut barked = None;
+        for watchdog in &mut self.watchdogs {
+            if self.exchange.updated.get(watchdog.request.input) == Some(&true) {
+                watchdog.last_update = cycle;
+            }
+            let silent = (cycle - watchdog.last_update) as f64 / f64::from(self.exchange.rate);
+            if silent > watchdog.request.period {
+                barked = Some(watchdog.request.clone());
+            }
+        }
+        self.exchange.updated.fill(false);
+        let Some(WatchdogRequest { period, action, .. }) = barked else { return };
+        let because = format!("RTDE watchdog: no update within {period} s, action {action}");
+        match action {
+            WatchdogAction::Ignore => {}
+            WatchdogAction::Pause if self.runtime == RuntimeState::Playing => {
+                self.runtime = RuntimeState::Paused;
+                self.announce(because);
+            }
+            WatchdogAction::Pause => {}
+            WatchdogAction::Stop => {
+                self.end_program();
+                self.announce(because);
+            }
+        }
+    }
+
+    fn run_programs(&mut self, cycle: u64) {
+        self.body.expire(cycle);
+        if self.runtime == RuntimeState::Playing
+            && let Some(mut machine) = self.machine.take()
+        {
+            match self.run(&mut machine, cycle, true) {
+                // The program may have stopped itself.
+                Ok(true) if self.runtime != RuntimeState::Stopped => self.machine = Some(machine),
+                Ok(_) => self.end_program(),
+                Err(error) => self.stop_program(&error),
+            }
+        }
+        for mut machine in std::mem::take(&mut self.secondary) {
+            match self.run(&mut machine, cycle, false) {
+                Ok(true) => self.secondary.push(machine),
+                Ok(false) => {}
+                Err(error) => self.announce(format!("secondary program stopped: {error}")),
+            }
+        }
+    }
+
+    fn run(&mut self, machine: &mut Machine, cycle: u64, may_move: bool) -> Result<bool, ScriptError> {
+        let (mut watchdogs, mut notices) = (Vec::new(), Vec::new());
+        let ran = machine.step(&mut Surroundings {
+            cycle,
+            cycles_per_second: f64::from(self.exchange.rate),
+            inputs: &self.exchange.inputs,
+            outputs: &mut self.outputs,
+            body: &mut self.body,
+            may_move,
+            watchdogs: &mut watchdogs,
+            notices: &mut notices,
+        });
+        for request in watchdogs {
+            self.watchdogs.retain(|watchdog| watchdog.request.input != request.input);
+            self.watchdogs.push(Watchdog { request, last_update: cycle });
+        }
+        for notice in notices {
+            match notice {
+                Notice::Text(text) => self.log(&text),
+                Notice::Popup { text, blocking } => {
+                    self.show_popup(&text);
+                    if blocking && may_move {
+                        self.popup_holds = true;
+                        self.runtime = RuntimeState::Paused;
+                    }
+                }
+                Notice::ProtectiveStop => self.stop_for(MotionRefused::Asked),
+            }
+        }
+        ran
+    }
+
+    fn move_joints(&mut self) {
+        if self.robot.safety != Safety::Normal || self.robot.power != Power::Running {
+            self.body.freeze();
+        } else if self.runtime != RuntimeState::Playing {
+            self.body.hold();
+        } else if let Err(refused) = self.body.step() {
+            self.stop_for(refused);
+        }
+    }
+
+    /// A protective stop: the program is held until a person has unlocked and plays it again.
+    fn stop_for(&mut self, why: MotionRefused) {
+        self.robot.safety = Safety::ProtectiveStop { since: 0.0 };
+        if self.runtime == RuntimeState::Playing {
+            self.runtime = RuntimeState::Paused;
+        }
+        self.announce(why.to_string());
+    }
+
+    /// The program ends: its watchdogs and its movement go with it.
+    pub(super) fn end_program(&mut self) {
+        self.machine = None;
+        self.watchdogs.clear();
+        self.body.abandon_all();
+        self.popup_holds = false;
+        self.runtime = RuntimeState::Stopped;
+    }
+
+    pub(super) fn stop_program(&mut self, error: &ScriptError) {
+        self.end_program();
+        self.announce(format!("robot program stopped: {error}"));
+    }
+
+    fn snapshot(&self) -> Snapshot<'_> {
+        let body = &self.body;
+        let playing = self.runtime == RuntimeState::Playing;
+        let [standard, configurable, tool] = self.outputs.digital.map(u64::from);
+        Snapshot {
+            timestamp: self.record.timestamp,
+            cycle: self.record.cycle,
+            target_q: body.servo.q.0,
+            target_qd: body.servo.qd.0,
+            target_qdd: body.servo.qdd.0,
+            tcp_pose: numbers(&body.base_from_tcp()),
+            tcp_speed: body.tool_speed(),
+            tcp_offset: numbers(&body.flange_from_tcp),
+            target_speed_fraction: self.exchange.inputs.speed_slider(),
+            // 1: nothing scales the speed here.
+            speed_scaling: 1.0,
+            runtime_state: self.runtime.code(),
+            robot_mode: self.robot.mode(),
+            joint_mode: self.robot.joint_mode(),
+            // Bit 0: power on; bit 1: program running.
+            robot_status_bits: u32::from(self.robot.power != Power::Off) | u32::from(playing) << 1,
+            safety_mode: self.robot.safety_mode(),
+            safety_status_bits: self.robot.safety_bits(),
+            payload: body.payload.mass,
+            payload_cog: body.payload.centre,
+            payload_inertia: body.payload.inertia,
+            arm: &body.arm,
+            digital_outputs: standard | configurable << 8 | tool << 16,
+            outputs: self.outputs.clone(),
+        }
+    }
+}

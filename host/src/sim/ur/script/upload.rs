@@ -1,0 +1,104 @@
+//! Ports 30001 to 30003 take scripts as plain text without a length: a program is complete with the line that ends its last
+//! block, and a line outside any block is a program by itself. Bytes are arguments.
+
+use super::lexer::depth_change;
+
+/// Longest script that is taken.
+const SCRIPT_MAX: usize = 4 * 1024 * 1024;
+
+/// The text of one connection, until it makes a program.
+#[derive(Clone, Debug, Default)]
+pub struct Upload {
+    /// Bytes behind the last line break.
+    line: Vec<u8>,
+    /// Complete lines of a program that is not.
+    program: String,
+    /// Blocks that are open.
+    depth: i32,
+    programs: Vec<String>,
+    overflow: bool,
+}
+
+impl Upload {
+    /// Takes bytes, split anywhere.
+    pub fn handle_bytes(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            if self.line.len() + self.program.len() >= SCRIPT_MAX {
+                self.overflow = true;
+                return;
+            }
+            if *byte == b'\n' {
+                let line = String::from_utf8_lossy(&std::mem::take(&mut self.line)).into_owned();
+                self.take_line(&line);
+            } else {
+                self.line.push(*byte);
+            }
+        }
+    }
+
+    fn take_line(&mut self, line: &str) {
+        // A line that is no script is judged with its program, which then has a place to name.
+        let change = depth_change(line).unwrap_or(0);
+        let outside = self.depth == 0;
+        let opens = outside && ["def", "sec"].iter().any(|word| line.trim_start().starts_with(word));
+        if outside && !opens {
+            if change == 0 && !is_blank(line) {
+                self.programs.push(format!("def unnamed(): {line}\nend\n"));
+            }
+            return;
+        }
+        self.program.push_str(line);
+        self.program.push('\n');
+        self.depth += change;
+        if self.depth <= 0 {
+            self.depth = 0;
+            self.programs.push(std::mem::take(&mut self.program));
+        }
+    }
+
+    /// The programs that are complete, oldest first.
+    pub fn take_programs(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.programs)
+    }
+
+    /// Whether more came than a script can be; the connection is then of no use.
+    pub const fn is_overflown(&self) -> bool {
+        self.overflow
+    }
+}
+
+fn is_blank(line: &str) -> bool {
+    let text = line.trim();
+    text.is_empty() || text.starts_with('#')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PROGRAM: &str = "def a():\n  # end\n  while (True):\n    if x == \"end\": y = 1 end\n  end\nend\n";
+
+    #[test]
+    fn programs_are_found_however_the_bytes_are_split() {
+        let text = format!("\n# nothing\n{PROGRAM}stopj(2)\n{PROGRAM}def b():\n");
+        for chunk in [1, 2, 3, 7, 1000] {
+            let mut upload = Upload::default();
+            let mut found = Vec::new();
+            for bytes in text.as_bytes().chunks(chunk) {
+                upload.handle_bytes(bytes);
+                found.extend(upload.take_programs());
+            }
+            assert_eq!(found, [PROGRAM, "def unnamed(): stopj(2)\nend\n", PROGRAM], "{chunk} bytes at once");
+        }
+    }
+
+    #[test]
+    fn too_much_is_noticed_and_not_kept() {
+        let mut upload = Upload::default();
+        for _ in 0..SCRIPT_MAX / 1000 + 2 {
+            upload.handle_bytes(&[b'x'; 1000]);
+        }
+        assert!(upload.is_overflown());
+        assert!(upload.line.len() <= SCRIPT_MAX);
+    }
+}
