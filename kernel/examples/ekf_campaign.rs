@@ -36,6 +36,7 @@ fn main() {
         let bound = 1.96 / (result.products as f64).sqrt();
         println!("{name}: autocorrelation at lags 1 to 10 {:.4?}, 95 % within ± {bound:.4}", result.autocorrelation);
         println!("{name}: 3σ cover {:.2} % of the errors", 100.0 * result.covered);
+        result.judge(name, [0.5 * samples, samples]);
         let result = rivals(1000..1200, noise, 1000);
         for (who, rms) in
             [("ours", result.ours), ("the paper's, mended", result.literal), ("as printed", result.printed)]
@@ -49,10 +50,9 @@ fn main() {
         println!("{name}: mean square of the place, ours less the mended one's: {difference:.2} % ± {half:.2} %");
         assert!(difference <= half.max(1.0));
         for count in [1, 10, 100, 1000, 5000] {
-            println!(
-                "{name}: {count} ticks without a pose: 3σ cover {:.2} %",
-                100.0 * dropout(1000..1100, noise, count)
-            );
+            let covered = dropout(1000..1100, noise, count);
+            println!("{name}: {count} ticks without a pose: 3σ cover {:.2} %", 100.0 * covered);
+            assert!(covered >= 0.99);
         }
         let began = Instant::now();
         let result = long(1000, noise, ticks, 1000);

@@ -33,7 +33,7 @@ pub enum LoopError {
 /// What a tick came to, for telemetry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopReport<const N: usize> {
-    /// The controller's; what it was at last where it was not asked.
+    /// The controller's; all zero where it was not asked.
     pub control: Report,
     /// The estimator's, where there is one.
     pub estimated: Option<Result<Estimated<N>, Excess>>,

@@ -272,6 +272,7 @@ impl<const N: usize> Control<N> {
             // Before the first, and after they have been taken out.
             (self.added, self.feedback, self.wanted) = (JointPos::ZERO, JointPos::ZERO, JointPos::ZERO);
             (self.moved, self.aims, self.closed) = ([Correction::none(); 2], [JointPos::ZERO; 2], false);
+            self.held = 0.0;
         }
         let mut leads = JointPos::ZERO;
         if reference.plays {

@@ -1,9 +1,9 @@
 //! Where the joints really are: an extended Kalman filter over joint positions, velocities and accelerations.
 //!
-//! It is the filter of Tables 2 and 3 of the KRAKEN paper ("Toward large-scale hybrid manufacturing…", section 3.2): state
-//! x = \[θ, θ̇, θ̈\], a constant acceleration driven by white jerk, F = I + T·M + T²/2·M². Four things differ, and
+//! It is the filter of Tables 2 and 3 of the KRAKEN paper ("An all-in-one robotic platform for hybrid manufacturing of large volume parts", section 3.2): state
+//! x = \[θ, θ̇, θ̈\], a constant acceleration driven by white jerk, F = I + T·M + T²/2·M². Five things differ, and
 //! docs/estimation.md derives them: the commanded jerk is a known input; a pose is compared by six numbers, position and
-//! rotation vector, and not by position and quaternion (Trawny and Roumeliotis 2005); encoder angles are a measurement; and
+//! rotation vector, and not by position and quaternion (Trawny and Roumeliotis 2005); encoder angles are a measurement; a gate; and
 //! a measurement that is not believed changes nothing, where Table 3 as printed shrinks P all the same.
 //!
 //! Each measurement has a file of its own ([`pose`], [`rates`], [`encoders`]); all end in one update. F is made of

@@ -77,7 +77,8 @@ pub enum EstimatorError {
     Base(BaseError),
     /// Of the filter.
     Filter(EkfError),
-    /// A dead time beyond [`DEAD_TICKS_MAX`] ticks. Correct the configuration.
+    /// A dead time beyond [`DEAD_TICKS_MAX`] ticks, or no shorter than the base's hold, which ends trust before a command acts. Correct
+    /// the configuration.
     DeadTime,
 }
 
@@ -117,7 +118,8 @@ pub struct Estimator<const N: usize, const DEPTH: usize> {
     encoders: History<N, DEPTH>,
     filter: Option<Replay<N, DEPTH>>,
     /// Accelerations that were commanded, one a tick.
-    commanded: Delay<N, { DEAD_TICKS_MAX + 1 }>,
+    /// Up to a tick before the dead time.
+    commanded: Delay<N, { DEAD_TICKS_MAX + 2 }>,
     disbelieved: u32,
 }
 
@@ -128,7 +130,10 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
     /// [`EstimatorError`]
     pub fn new(config: &EstimatorConfig<N>) -> Result<Self, EstimatorError> {
         let longest = DEAD_TICKS_MAX as f64 * config.base.period;
-        if !(0.0..=longest).contains(&config.dead_time) {
+        // A hold that is no number is the base's to refuse.
+        if !(0.0..=longest).contains(&config.dead_time)
+            || config.dead_time >= config.base.hold && config.base.hold > 0.0
+        {
             return Err(EstimatorError::DeadTime);
         }
         let base = Base::new(&config.base).map_err(EstimatorError::Base)?;
@@ -232,7 +237,9 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
             return Ok(replay::Report::default());
         };
         let trusted = self.base.estimate().is_some();
-        let pose = pose.filter(|_| trusted).map(|pose| {
+        // One from later than the next tick would keep its place until then, and others out.
+        let soon = |pose: &&TrackerPose| pose.at.since(now) as f64 * 1e-9 <= config.base.period;
+        let pose = pose.filter(|_| trusted).filter(soon).map(|pose| {
             let tracked = TrackedPose {
                 tracker_from_target: pose.tracker_from_target,
                 tracker_from_base: self.base.tracker_from_base(pose.at),
@@ -249,7 +256,7 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
         });
         let offered = [Some(Stamped { at: now, measurement: encoders }), rates, pose];
         for stamped in offered.iter().flatten() {
-            // Three a tick never fill it.
+            // Three a tick, none of which waits for longer than the next, never fill it.
             let _ = filter.offer(stamped);
         }
         let back = config.dead_time / config.base.period;

@@ -4,7 +4,7 @@ mod common;
 
 use common::Random;
 use common::dense::{Dense, matrix, stack};
-use common::estimation::{against_dense, band, consistency, dropout, long, mean};
+use common::estimation::{against_dense, consistency, dropout, long};
 use common::plant::{DENSITY, N, Noise, PAPER, Plant, TRACKER, deviation};
 use nalgebra::Vector3;
 use screed_kernel::arms::ur::UR10E;
@@ -25,22 +25,7 @@ fn blocks_and_a_dense_filter_in_josephs_form_agree() {
 fn errors_and_innovations_are_as_large_as_the_filter_says_and_innovations_white() {
     for noise in NOISES {
         let result = consistency(100..150, noise, 400, 20);
-        let samples = 50.0 * 20.0;
-        for (name, runs, freedom, count) in [
-            ("NEES", &result.nees, 18.0, samples),
-            ("NIS of poses", &result.nis_pose, 6.0, 50.0 * 200.0),
-            ("NIS of rates", &result.nis_rates, 6.0, 50.0 * 400.0),
-        ] {
-            let (mean, own) = mean(runs);
-            // Errors of neighbouring ticks are not independent: their band comes from the scatter of the runs.
-            let half = if freedom == 18.0 { own } else { band(freedom, count) };
-            assert!((mean - freedom).abs() <= half, "{noise:?}: {name} {mean} ± {half}");
-        }
-        let bound = 1.96 / (result.products as f64).sqrt();
-        let outside = result.autocorrelation.iter().filter(|value| value.abs() > bound).count();
-        // One of ten lags may lie outside of 95 %.
-        assert!(outside <= 1, "{noise:?}: {:?}, bound {bound}", result.autocorrelation);
-        assert!(result.covered >= 0.99, "{noise:?}: {}", result.covered);
+        result.judge(&format!("{noise:?}"), [50.0 * 200.0, 50.0 * 400.0]);
     }
 }
 

@@ -201,7 +201,13 @@ fn estimator(document: &mut Document<'_>, base: Option<BaseConfig>) -> Option<Es
     let rate = section.numbers(&keys::RATE_DEVIATION);
     let start =
         [&keys::START_POSITION, &keys::START_VELOCITY, &keys::START_ACCELERATION].map(|key| section.numbers(key));
-    let dead_time = section.number(&keys::DEAD_TIME);
+    let mut dead_time = section.number(&keys::DEAD_TIME);
+    if let (Some(base), Some(late)) = (&base, dead_time)
+        && late >= base.hold
+    {
+        let expected = format!("less than `hold_ms` of [tracker], here {}", base.hold * 1e3);
+        dead_time = section.impossible(keys::DEAD_TIME.name, &expected, &format!("{}", late * 1e3));
+    }
     section.finish();
     let [position, velocity, acceleration] = start;
     Some(EstimatorConfig {

@@ -226,6 +226,24 @@ fn a_base_that_has_gone_too_far_or_goes_too_fast_is_not_followed() {
     saturated(wide(|tick| Pose::from_translation(1.2e-4 * tick as f64, 0.0, 0.0)), Bound::Speed);
 }
 
+/// K8 of a base that was too fast, corrections taken out, a person has gone on: the patience begins anew.
+#[test]
+fn patience_begins_anew_when_corrections_have_been_taken_out() {
+    let mut world = World::new(Pose::identity());
+    for bounds in [&mut world.control.settings.bounds.travel, &mut world.control.settings.bounds.mill] {
+        bounds.shift_max = 1.0;
+    }
+    let fault = (1..2000).find_map(|tick| {
+        world.nominal_from_base = Pose::from_translation(1.2e-4 * f64::from(tick), 0.0, 0.0);
+        world.step().err()
+    });
+    assert!(matches!(fault, Some(ControlError::Saturated { bound: Bound::Speed, .. })), "{fault:?}");
+    (world.correction, world.plays, world.nominal_from_base) = (Correction::none(), false, displaced(0.005));
+    world.run(10);
+    world.plays = true;
+    world.run(500);
+}
+
 #[test]
 fn an_estimate_on_another_branch_is_none() {
     let mut world = World::new(displaced(0.001));

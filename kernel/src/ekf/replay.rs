@@ -52,7 +52,8 @@ pub enum OfferError {
     Full,
 }
 
-/// What a tick did. Every measurement that was offered is in one of the counts of one tick.
+/// What a tick did. Every measurement that was offered is in one of the counts of one tick; one that waits is `deferred` at each
+/// tick until then.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Report {
     /// Measurements that were sorted into their step.

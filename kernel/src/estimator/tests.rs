@@ -208,6 +208,20 @@ fn a_tracker_that_is_gone_for_minutes_is_believed_again() {
     assert!((flange.translation - UR10E.forward(&AT).translation).norm() < 1e-5, "{flange:?}");
 }
 
+/// A tracker whose clock is an hour ahead for a while: its poses are refused, and keep no good one out of the filter.
+#[test]
+fn poses_from_the_future_keep_no_other_out() {
+    let mut world = World::new(config());
+    world.ticks(200).unwrap();
+    for _ in 0..30 {
+        let ahead = world.pose(world.now.plus(3_600_000_000_000));
+        assert_eq!(world.tick_with(&[ahead]).unwrap().poses, [0, 1]);
+    }
+    let sorted = |estimated: Estimated<6>| estimated.filter.unwrap().sorted;
+    let without = sorted(world.tick_with(&[]).unwrap());
+    assert_eq!(sorted(world.ticks(1).unwrap()), without + 1);
+}
+
 /// Poses of nonsense at every tick among good ones: each is counted, the good ones are believed all the same.
 #[test]
 fn nonsense_among_good_poses_changes_nothing() {
@@ -338,6 +352,9 @@ fn what_cannot_be_is_refused() {
     for dead_time in [longest + H, -H, f64::NAN] {
         assert_eq!(refused(&EstimatorConfig { dead_time, ..config() }), Some(EstimatorError::DeadTime), "{dead_time}");
     }
+    // Trust would have ended before any command acts.
+    let base = BaseConfig { hold: 0.05, ..config().base };
+    assert_eq!(refused(&EstimatorConfig { base, dead_time: 0.05, ..config() }), Some(EstimatorError::DeadTime));
     let base = BaseConfig { hold: 0.0, ..config().base };
     let error = Some(EstimatorError::Base(BaseError::Config { field: "hold", value: 0.0 }));
     assert_eq!(refused(&EstimatorConfig { base, ..config() }), error);

@@ -78,6 +78,26 @@ pub struct Consistency {
     pub covered: f64,
 }
 
+impl Consistency {
+    /// Panics where the filter's own statistics do not hold; by so many poses and rates.
+    pub fn judge(&self, name: &str, [poses, rates]: [f64; 2]) {
+        for (what, runs, freedom, half) in [
+            // Errors of neighbouring ticks are not independent: their band comes from the scatter of the runs.
+            ("NEES", &self.nees, 18.0, mean(&self.nees).1),
+            ("NIS of poses", &self.nis_pose, 6.0, band(6.0, poses)),
+            ("NIS of rates", &self.nis_rates, 6.0, band(6.0, rates)),
+        ] {
+            let mean = mean(runs).0;
+            assert!((mean - freedom).abs() <= half, "{name}: {what} {mean} ± {half}");
+        }
+        let bound = 1.96 / (self.products as f64).sqrt();
+        let outside = self.autocorrelation.iter().filter(|value| value.abs() > bound).count();
+        // One of ten lags may lie outside of 95 %.
+        assert!(outside <= 1, "{name}: {:?}, bound {bound}", self.autocorrelation);
+        assert!(self.covered >= 0.99, "{name}: {}", self.covered);
+    }
+}
+
 /// Matched simulations; poses are missing half of the time. The filter is looked at every `every` ticks.
 pub fn consistency(seeds: std::ops::Range<u64>, noise: Noise, ticks: usize, every: usize) -> Consistency {
     let mut result = Consistency::default();

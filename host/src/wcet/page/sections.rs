@@ -25,6 +25,30 @@ fn without_replay(by_arm: &ByArm, arm: &str) -> u64 {
     most.max().unwrap_or(0)
 }
 
+/// Which arms hold the aim on the Cortex-M7, by the committed figures.
+fn aim(report: &Report) -> String {
+    let m7 = &report.committed.cortex_m7;
+    let most = m7.keys().map(|arm| (arm, without_replay(m7, arm)));
+    let (held, missed): (Vec<_>, Vec<_>) = most.partition(|(_, most)| *most <= M7_AIM);
+    let told = |arms: &[(&String, u64)]| {
+        let arms = arms.iter().map(|(arm, most)| format!("{} {}", escaped(arm), grouped(*most)));
+        arms.collect::<Vec<_>>().join(", ")
+    };
+    let verdict = if missed.is_empty() {
+        "<span class=\"yes\">every arm</span>".to_owned()
+    } else {
+        format!("{}; <span class=\"no\">beyond it</span>: {}", told(&held), told(&missed))
+    };
+    format!(
+        "<p>The aim of {} instructions for a tick without replay on the Cortex-M7, at most {USUAL_POSES} poses, is held by {verdict}. With 3 to \
+         16 poses a tick of {} takes {}, with replay {}. \"frames in\" comes on top of a tick: as many bytes as are taken between two ticks.</p>\n",
+        grouped(M7_AIM),
+        escaped(ARMS[0]),
+        grouped(m7_of(report, Class::Burst)),
+        grouped(m7_of(report, Class::Replay))
+    )
+}
+
 /// The most of this run's ticks of an arm in these classes.
 fn most(report: &Report, arm: &str, classes: &[Class]) -> u64 {
     let names: Vec<_> = classes.iter().map(|class| class.name()).collect();
@@ -181,17 +205,7 @@ pub(super) fn instructions(report: &Report) -> String {
     rows.push(whole);
     let head = ["class", "vectors", "min", "mean", "max", &low, &middle, &high, "committed", "Cortex-M7"];
     out += &table(&head, &rows, 1);
-    let m7 = without_replay(&report.committed.cortex_m7, ARMS[0]);
-    let verdict = if m7 <= M7_AIM { "<span class=\"yes\">within</span>" } else { "<span class=\"no\">beyond</span>" };
-    out += &format!(
-        "<p>The largest tick without replay on the Cortex-M7, {}, at most {USUAL_POSES} poses: {} instructions, {verdict} the aim of {}; with 3 to \
-         16 poses {}, with replay {}. \"frames in\" comes on top of a tick: as many bytes as are taken between two ticks.</p>\n",
-        escaped(ARMS[0]),
-        grouped(m7),
-        grouped(M7_AIM),
-        grouped(m7_of(report, Class::Burst)),
-        grouped(m7_of(report, Class::Replay))
-    );
+    out += &aim(report);
     out += &format!(
         "<p>The whole cycle of <code>screed-rt</code> is that of the demo's print: RTDE, tick of the demo's cell, frames, extruder, telemetry; \
          the most in cycle {}, counted from 0.</p>\n<h3>Every arm: most instructions, x86-64 above, Cortex-M7 below</h3>\n",
@@ -384,7 +398,8 @@ pub(super) fn proofs(_: &Report) -> String {
         ("recursion", "the call graph of the linked kernel has no cycle", ".ci/stack_bound"),
         (
             "a call through a pointer",
-            "no call of the linked kernel takes its address from a register or memory",
+            "no call of the linked kernel takes its address from a register or memory, but on x86-64 those of five functions of the C library for \
+             memory, which are followed",
             ".ci/stack_bound",
         ),
         (
