@@ -28,6 +28,19 @@ pub enum WcetError {
         /// The system's words.
         error: io::Error,
     },
+    /// The processor to measure on.
+    #[error(
+        "processor {cpu}: {error}; name one that is on and that this process may use, with --cpu or `cpu` of [realtime]"
+    )]
+    Processor {
+        /// Its number.
+        cpu: usize,
+        /// The system's words.
+        error: io::Error,
+    },
+    /// The connection that stands for the robot's.
+    #[error("a loopback connection: {0}; check that the loopback interface is up")]
+    Loopback(io::Error),
     /// A course that is none.
     #[error("not the name of a course: {0}; give {digits} hexadecimal digits", digits = 2 * screed_tape::vectors::GENES)]
     Course(String),

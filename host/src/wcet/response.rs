@@ -8,9 +8,8 @@ use crate::config::Cell;
 use crate::run::wake::{now, sleep_until};
 use serde::Serialize;
 use statrs::distribution::{Beta, ContinuousCDF};
-use std::io::{Error, Read, Write};
+use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::path::Path;
 
 /// The simulated surroundings need so long before the next cycle (ns); a cycle that would be due earlier is not begun.
 const ROOM_NS: u64 = 200_000;
@@ -56,7 +55,7 @@ pub struct Parts {
 /// # Errors
 /// [`WcetError`] where the print or the connection fails.
 pub fn measure(period_ns: u64, cycles: usize) -> Result<Vec<Parts>, WcetError> {
-    let socket = |error: Error| WcetError::file(Path::new("a loopback connection"), &error);
+    let socket = WcetError::Loopback;
     let cell = Cell::demo(500).map_err(|error| WcetError::Print(error.to_string()))?;
     let model = cycle::model(3)?;
     let mut print = Print::new(&cell, &model)?;
