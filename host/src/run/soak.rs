@@ -1,7 +1,8 @@
 //! Many ticks of the real-time process' machine as fast as they go, and what its calls took from memory: nothing, after the
 //! start. The demo's wall is printed in virtual time, so that everything that a print needs happens.
 
-use crate::config::Cell;
+use crate::bench::servoj;
+use crate::config::{Cell, Lead};
 use crate::failure::{Exit, Failure};
 use crate::model::fim;
 use crate::plan::Options as PlanOptions;
@@ -28,7 +29,10 @@ pub fn soak(ticks: u64, takes: bool) -> Result<Memory, Failure> {
     let published = QuarterCircle::default();
     let text = quarter_circle(&QuarterCircle { layers: published.layers.max(layers), ..published });
     let model = fim::parse("soak", text.as_bytes()).map_err(|error| error.into_failure("soak", text.as_bytes()))?;
-    let cell = Cell::demo(RATE_HZ)?;
+    // With a lead, so that the loop around the kernel runs as well.
+    let mut cell = Cell::demo(RATE_HZ)?;
+    let servo = [cell.link.servoj_lookahead, cell.link.servoj_gain];
+    cell.lead = Some(Lead::of(servoj::LIMITS, servoj::DEAD_TIME, servo));
     let options = Options::of(&cell, demo::program(&cell)?);
     let controller =
         Controller::new(&cell.robot.arm, options).map_err(|error| Failure::told(Exit::Input, error.to_string()))?;
