@@ -52,7 +52,12 @@ pub fn run(args: &LatencyArgs) -> Result<(), Failure> {
         None => Cell::demo(125)?,
     };
     let wanted = Realtime { cpu: args.cpu.or(cell.realtime.cpu), ..cell.realtime };
-    // What cannot be signed is told before hours have gone by.
+    // What is refused, and what cannot be signed, is told before hours have gone by and before a file is made.
+    if !args.allow_non_rt
+        && let Some(note) = realtime::refused(&wanted)
+    {
+        return Err(no_real_time(&note));
+    }
     let certificate =
         args.certificate.as_deref().map(|file| certify::prepare(file, args.key.as_deref())).transpose()?;
     let length = if certificate.is_some() { args.hours / 2 } else { args.length };
@@ -69,8 +74,7 @@ pub fn run(args: &LatencyArgs) -> Result<(), Failure> {
     };
     let scheduling = realtime::enter(&wanted);
     if !scheduling.realtime && !args.allow_non_rt {
-        let remedy = "grant what was refused (screed doctor), or measure stamped NON-RT with --allow-non-rt";
-        return Err(Failure::new(Exit::NotRealTime, format!("no real time: {}", scheduling.note), remedy));
+        return Err(no_real_time(&scheduling.note));
     }
     let mut report = Report {
         period_us: args.period.as_micros(),
@@ -179,6 +183,11 @@ fn text(report: &Report) -> String {
         );
     }
     text
+}
+
+fn no_real_time(note: &str) -> Failure {
+    let remedy = "grant what was refused (screed doctor), or measure stamped NON-RT with --allow-non-rt";
+    Failure::new(Exit::NotRealTime, format!("no real time: {note}"), remedy)
 }
 
 fn failed(error: io::Error) -> Failure {
