@@ -115,6 +115,19 @@ fn without_what_a_hard_timed_loop_needs_nothing_starts_unless_a_person_allows_it
 }
 
 #[test]
+fn a_certificate_without_real_time_is_refused_before_it_measures_and_leaves_no_file() {
+    let scene = Scene::new();
+    let (file, key) = (scene.path("core.json"), scene.path("keys/own.key"));
+    let mut command = scene.screed(&["latency", "--cpu", "1023", "--hours", "0.1", "--certificate"]);
+    let (code, _, error) = finished(command.arg(&file).arg("--key").arg(&key).spawn().unwrap());
+    assert!(code == Some(6) && error.contains("processor 1023") && error.contains("remedy"), "{error}");
+    // The key is made before anything is measured: it was refused before that.
+    for path in [file, scene.path("core.json.sig"), key] {
+        assert!(!path.exists(), "{} was left behind", path.display());
+    }
+}
+
+#[test]
 fn a_fault_stays_until_a_person_leaves_it() {
     let scene = Scene::new();
     let (model, cell, program) = (scene.path("wall.ifc"), scene.path("cell.toml"), scene.path("robot.script"));

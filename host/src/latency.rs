@@ -5,9 +5,11 @@
 //! the medians' difference and the 99th percentiles' ratio are taken, and their middle is given with the interval that a
 //! bootstrap over pairs leaves (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13).
 
+mod aims;
 pub mod certificate;
 mod compare;
 
+pub use aims::{Aim, Judged, Rule};
 pub use compare::{Comparison, Interval, Pair};
 
 use serde::Serialize;

@@ -5,22 +5,19 @@ mod certify;
 use super::args::{LatencyArgs, Yardstick};
 use super::say;
 use crate::config::{self, Cell, Realtime};
+use crate::doctor::Diagnosis;
 use crate::failure::{Exit, Failure};
-use crate::latency::{Comparison, Pair, Summary};
+use crate::latency::{Comparison, Judged, Pair, Rule, Summary};
 use crate::run::realtime;
 use crate::run::sensor_wire::{self, Measured, Wire};
 use crate::run::wake::{self, Pace};
 use serde::Serialize;
 use std::io::{self, Write};
+use std::path::Path;
 use std::time::Duration;
 
 /// How long a slice of a comparison lasts.
 const SLICE: Duration = Duration::from_secs(5);
-/// How narrow the interval of the medians' difference has to be to stop before the most pairs (µs).
-const NARROW_US: f64 = 6.0;
-/// What is aimed at: the medians' difference (µs), and the 99th percentiles' ratio.
-const DIFFERENCE_AIM_US: f64 = 3.0;
-const RATIO_AIM: [f64; 2] = [0.5, 2.0];
 
 /// What is printed.
 #[derive(Serialize)]
@@ -36,7 +33,7 @@ struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     sensor_to_wire: Option<Wire>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    versus: Option<Comparison>,
+    versus: Option<Judged>,
 }
 
 /// Measures how late the timer-paced loop wakes, and how long `screed-rt` takes from sensor in to wire out.
@@ -52,7 +49,12 @@ pub fn run(args: &LatencyArgs) -> Result<(), Failure> {
         None => Cell::demo(125)?,
     };
     let wanted = Realtime { cpu: args.cpu.or(cell.realtime.cpu), ..cell.realtime };
-    // What cannot be signed is told before hours have gone by.
+    // What is refused, and what cannot be signed, is told before hours have gone by and before a file is made.
+    if !args.allow_non_rt
+        && let Some(note) = realtime::refused(&wanted)
+    {
+        return Err(no_real_time(&note));
+    }
     let certificate =
         args.certificate.as_deref().map(|file| certify::prepare(file, args.key.as_deref())).transpose()?;
     let length = if certificate.is_some() { args.hours / 2 } else { args.length };
@@ -69,8 +71,7 @@ pub fn run(args: &LatencyArgs) -> Result<(), Failure> {
     };
     let scheduling = realtime::enter(&wanted);
     if !scheduling.realtime && !args.allow_non_rt {
-        let remedy = "grant what was refused (screed doctor), or measure stamped NON-RT with --allow-non-rt";
-        return Err(Failure::new(Exit::NotRealTime, format!("no real time: {}", scheduling.note), remedy));
+        return Err(no_real_time(&scheduling.note));
     }
     let mut report = Report {
         period_us: args.period.as_micros(),
@@ -101,7 +102,7 @@ pub fn run(args: &LatencyArgs) -> Result<(), Failure> {
 }
 
 /// Slices of both in turns, until the interval is narrow or there are enough.
-fn compare(args: &LatencyArgs, wanted: &Realtime) -> Result<Comparison, Failure> {
+fn compare(args: &LatencyArgs, wanted: &Realtime) -> Result<Judged, Failure> {
     let Some(cpu) = wanted.cpu else {
         return Err(Failure::new(
             Exit::Usage,
@@ -110,6 +111,8 @@ fn compare(args: &LatencyArgs, wanted: &Realtime) -> Result<Comparison, Failure>
         ));
     };
     let pace = Pace { period: args.period, length: SLICE };
+    let rule = Rule::new(SLICE.as_secs_f64(), args.pairs, args.pairs_max);
+    let judged = |found| Judged::of(found, rule, &Diagnosis::of(Path::new("/"), wanted));
     let (mut pairs, mut discarded) = (Vec::new(), 0);
     for round in 0..args.pairs_max {
         let ours = || wake::ours(&pace).map(|(histogram, _)| histogram);
@@ -137,12 +140,12 @@ fn compare(args: &LatencyArgs, wanted: &Realtime) -> Result<Comparison, Failure>
                 difference.low,
                 difference.high
             );
-            if found.pairs.len() >= args.pairs as usize && found.width_us() <= NARROW_US {
-                return Ok(found);
+            if rule.is_met(&found) {
+                return Ok(judged(found));
             }
         }
     }
-    Comparison::of(pairs, discarded).ok_or_else(|| {
+    Comparison::of(pairs, discarded).map(judged).ok_or_else(|| {
         Failure::new(Exit::Failed, "every pair of slices met a stall and was discarded", "measure on a quieter machine")
     })
 }
@@ -167,18 +170,14 @@ fn text(report: &Report) -> String {
         );
     }
     if let Some(versus) = versus {
-        let (difference, ratio) = (versus.median_difference_us, versus.p99_ratio);
-        let met = |met| if met { "met" } else { "missed" };
         text += &versus.to_string();
-        text += &format!(
-            "  aims: medians within {DIFFERENCE_AIM_US} µs: {}; p99 interval inside [{}, {}]: {}\n",
-            met(difference.value <= DIFFERENCE_AIM_US),
-            RATIO_AIM[0],
-            RATIO_AIM[1],
-            met(RATIO_AIM[0] <= ratio.low && ratio.high <= RATIO_AIM[1])
-        );
     }
     text
+}
+
+fn no_real_time(note: &str) -> Failure {
+    let remedy = "grant what was refused (screed doctor), or measure stamped NON-RT with --allow-non-rt";
+    Failure::new(Exit::NotRealTime, format!("no real time: {note}"), remedy)
 }
 
 fn failed(error: io::Error) -> Failure {

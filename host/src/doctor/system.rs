@@ -8,12 +8,14 @@ const CPU: &str = "/sys/devices/system/cpu";
 /// Wake-up from an idle state that takes longer costs a millisecond's loop a tenth of its time (µs).
 const IDLE_LATENCY_MAX_US: u64 = 100;
 
-/// Whether the kernel preempts everything.
+/// Whether the kernel preempts everything. Kernels with the patch say so in a file of their own; those since 6.12, which have it
+/// built in, in their version alone (`uname -v`, the part of `/proc/version` behind the first "#").
 pub(super) fn preemption(machine: &Machine) -> Finding {
     let what = "kernel";
     let Some(version) = machine.read("/proc/version") else { return Finding::unknown(what, "/proc/version") };
     let release = version.split_whitespace().nth(2).unwrap_or("of unknown release").to_owned();
-    if machine.read("/sys/kernel/realtime").as_deref() == Some("1") {
+    let built = version.split_once('#').is_some_and(|(_, built)| built.contains("PREEMPT_RT"));
+    if built || machine.read("/sys/kernel/realtime").as_deref() == Some("1") {
         return Finding::good(what, format!("{release}, PREEMPT_RT"));
     }
     let model = ["PREEMPT_DYNAMIC", "PREEMPT"].into_iter().find(|model| version.contains(model));
@@ -51,7 +53,7 @@ pub(super) fn priority(machine: &Machine, wanted: u8) -> Finding {
             format!("limit {most}, wanted {wanted}"),
             Verdict::Bad,
             format!(
-                "add `USER - rtprio {wanted}` to /etc/security/limits.conf and log in again, or setcap cap_sys_nice+ep screed-rt"
+                "add `USER - rtprio {wanted}` to /etc/security/limits.conf and log in again, or setcap cap_sys_nice+ep screed screed-rt"
             ),
         ),
     }
@@ -72,7 +74,7 @@ pub(super) fn locked_memory(machine: &Machine) -> Finding {
             what,
             format!("limit {} KiB", most >> 10),
             Verdict::Bad,
-            "add `USER - memlock unlimited` to /etc/security/limits.conf and log in again, or setcap cap_ipc_lock+ep screed-rt",
+            "add `USER - memlock unlimited` to /etc/security/limits.conf and log in again, or setcap cap_ipc_lock+ep screed screed-rt",
         ),
     }
 }

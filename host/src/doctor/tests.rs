@@ -7,7 +7,6 @@ use tempfile::TempDir;
 /// A machine that leaves nothing to wish for, its loop bound to processor 3.
 const GOOD: &[(&str, &str)] = &[
     ("proc/version", "Linux version 6.12.0-rt-amd64 (x@y) #1 SMP PREEMPT_RT Debian 6.12\n"),
-    ("sys/kernel/realtime", "1\n"),
     ("proc/sys/kernel/sched_rt_runtime_us", "-1\n"),
     ("proc/self/status", "Name:\tscreed\nCapEff:\t0000000000000000\n"),
     (
@@ -55,7 +54,7 @@ fn each_thing_put_wrong_is_found_alone_and_with_its_remedy() {
         |locked: &str, priority: &str| format!("Max locked memory {locked} x\nMax realtime priority {priority} x\n");
     let (low, short) = (limits("unlimited", "0"), limits("8388608", "95"));
     for (what, verdict, path, text) in [
-        ("kernel", Verdict::Bad, "sys/kernel/realtime", "0"),
+        ("kernel", Verdict::Bad, "proc/version", "Linux version 6.12.0 (x@y) #1 SMP PREEMPT_DYNAMIC Debian 6.12"),
         ("SCHED_FIFO priority", Verdict::Bad, "proc/self/limits", low.as_str()),
         ("locked memory", Verdict::Bad, "proc/self/limits", short.as_str()),
         ("processor", Verdict::Bad, "sys/devices/system/cpu/online", "0-2"),
@@ -73,6 +72,31 @@ fn each_thing_put_wrong_is_found_alone_and_with_its_remedy() {
         assert!(wrong.len() == 1 && wrong[0].what == what && wrong[0].verdict == verdict, "{what}: {found}");
         assert!(!wrong[0].remedy.is_empty() && found.findings[0] == *wrong[0], "the worst comes first, with a remedy");
         assert_eq!(found.can_hold, verdict != Verdict::Bad);
+    }
+}
+
+#[test]
+fn a_kernel_is_real_time_by_its_version_or_by_its_file() {
+    let mainline = "Linux version 6.12.57+deb13-rt-amd64 (x@y) (gcc 14) #1 SMP PREEMPT_RT Debian 6.12.57-1";
+    let patched = "Linux version 6.1.0-18-rt-amd64 (x@y) (gcc 12) #1 SMP Debian 6.1.76-1";
+    // A name that somebody chose tells nothing.
+    let named = "Linux version 6.12.0-PREEMPT_RT (PREEMPT_RT@y) (gcc 14) #1 SMP PREEMPT_DYNAMIC";
+    for (version, file, realtime) in [
+        (mainline, None, true),
+        (mainline, Some("1\n"), true),
+        (patched, Some("1\n"), true),
+        (patched, None, false),
+        (patched, Some("0\n"), false),
+        (named, None, false),
+        (named, Some("0\n"), false),
+    ] {
+        let changes: Vec<_> =
+            [("proc/version", version)].into_iter().chain(file.map(|text| ("sys/kernel/realtime", text))).collect();
+        let found = diagnosis(Some(3), &changes);
+        let kernel = found.findings.iter().find(|finding| finding.what == "kernel").unwrap();
+        let verdict = if realtime { Verdict::Good } else { Verdict::Bad };
+        assert_eq!(kernel.verdict, verdict, "{version}, {file:?}: {}", kernel.found);
+        assert_eq!(kernel.found.ends_with("not PREEMPT_RT"), !realtime, "{}", kernel.found);
     }
 }
 

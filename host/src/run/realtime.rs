@@ -22,26 +22,25 @@ pub struct Scheduling {
     _awake: Option<File>,
 }
 
+/// What would be refused, asked for on a thread of its own and given back: this one, and what it starts, is scheduled as before.
+/// What stays is the heap, grown.
+pub fn refused(wanted: &Realtime) -> Option<String> {
+    let wanted = *wanted;
+    let probe =
+        std::thread::spawn(move || bound(&wanted).into_iter().chain(scheduled(&wanted)).collect::<Vec<String>>());
+    let mut refused = probe.join().unwrap_or_else(|_| vec!["the system could not be asked".to_owned()]);
+    refused.extend(locked());
+    // SAFETY: no pointers.
+    unsafe { libc::munlockall() };
+    (!refused.is_empty()).then(|| refused.join("; "))
+}
+
 /// Bound to a processor if the cell names one, memory locked and touched, processors kept from sleeping deeply,
 /// fixed-priority scheduling (SCHED_FIFO). To be called before anything large is allocated.
 pub fn enter(wanted: &Realtime) -> Scheduling {
-    let mut refused = Vec::new();
-    if let Some(cpu) = wanted.cpu
-        && let Err(error) = bind(cpu)
-    {
-        refused
-            .push(format!("binding to processor {cpu} was refused ({error}): name one that exists in [realtime] cpu"));
-    }
-    if let Err(error) = lock_memory() {
-        refused.push(format!("locking memory was refused ({error}): raise memlock in limits.conf"));
-    }
+    let mut refused: Vec<String> = bound(wanted).into_iter().chain(locked()).collect();
     touch_stack();
-    if let Err(error) = schedule(wanted.priority) {
-        refused.push(format!(
-            "SCHED_FIFO priority {} was refused ({error}): raise rtprio in limits.conf or grant CAP_SYS_NICE",
-            wanted.priority
-        ));
-    }
+    refused.extend(scheduled(wanted));
     let realtime = refused.is_empty();
     let awake = stay_awake();
     if let Err(error) = &awake {
@@ -50,6 +49,27 @@ pub fn enter(wanted: &Realtime) -> Scheduling {
         ));
     }
     Scheduling { realtime, note: refused.join("; "), _awake: awake.ok() }
+}
+
+/// Binds this thread if the cell names a processor; what was refused.
+fn bound(wanted: &Realtime) -> Option<String> {
+    let cpu = wanted.cpu?;
+    let error = bind(cpu).err()?;
+    Some(format!("binding to processor {cpu} was refused ({error}): name one that exists in [realtime] cpu"))
+}
+
+/// Locks memory; what was refused.
+fn locked() -> Option<String> {
+    let error = lock_memory().err()?;
+    Some(format!("locking memory was refused ({error}): raise memlock in limits.conf or grant CAP_IPC_LOCK"))
+}
+
+/// Schedules this thread; what was refused.
+fn scheduled(wanted: &Realtime) -> Option<String> {
+    let (priority, error) = (wanted.priority, schedule(wanted.priority).err()?);
+    Some(format!(
+        "SCHED_FIFO priority {priority} was refused ({error}): raise rtprio in limits.conf or grant CAP_SYS_NICE"
+    ))
 }
 
 /// Locks what the process has and will have, and lets the heap grow once, now: it is never given back, and large pieces come

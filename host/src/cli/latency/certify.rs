@@ -22,7 +22,7 @@ pub(super) struct Prepared {
     programs: Vec<Program>,
 }
 
-/// Finds the key, or makes one, and sees that the files can be written.
+/// Finds the key, or makes one, and sees that the files can be written; leaves none where there was none.
 ///
 /// # Errors
 /// [`Failure`] where not.
@@ -32,12 +32,7 @@ pub(super) fn prepare(file: &Path, key: Option<&Path>) -> Result<Prepared, Failu
         None => key_of(&usual_key()?)?,
     };
     for path in [file.to_owned(), beside(file)] {
-        OpenOptions::new()
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(&path)
-            .map_err(|error| cannot(&path, &error))?;
+        can_write(&path).map_err(|error| cannot(&path, &error))?;
     }
     let own = std::env::current_exe().map_err(|error| cannot(Path::new("screed"), &error))?;
     let loop_program = PathBuf::from(children::screed_rt()?.get_program());
@@ -47,6 +42,17 @@ pub(super) fn prepare(file: &Path, key: Option<&Path>) -> Result<Prepared, Failu
         Ok(Program { name: name.to_owned(), sha256: hex(&Sha256::digest(&bytes)) })
     });
     Ok(Prepared { file: file.to_owned(), key, programs: programs.collect::<Result<_, Failure>>()? })
+}
+
+/// Opens the file to write, and changes nothing.
+fn can_write(path: &Path) -> std::io::Result<()> {
+    match OpenOptions::new().write(true).open(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            OpenOptions::new().write(true).create_new(true).open(path)?;
+            fs::remove_file(path)
+        }
+        opened => opened.map(drop),
+    }
 }
 
 /// Writes summary and signature.
