@@ -271,7 +271,8 @@ impl Base {
         };
         self.newest = Some(at);
         if agreeing >= config.agreeing {
-            self.estimate = self.candidate.take().map(|(candidate, _)| candidate);
+            self.estimate = self.candidate.as_ref().map(|(candidate, _)| *candidate);
+            self.candidate = None;
             return Ok(Verdict::Acquired);
         }
         Ok(match judged {

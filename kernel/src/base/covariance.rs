@@ -11,6 +11,9 @@ use crate::ekf::{add, subtract};
 /// A row over the whole state: place, its rate, swing, its rate; in each, translation before rotation.
 pub type Row = [[f64; 6]; 4];
 
+/// The rows of the first parts, of those parts.
+pub(super) type Parts<const PARTS: usize> = [[[[f64; 6]; PARTS]; 6]; PARTS];
+
 /// P, 24 by 24 and symmetric to the bit: `rows[part][axis]` is a row, parts and axes as in [`Row`]. Units are products of those of the
 /// state (m, rad, and per second).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,6 +49,26 @@ impl Covariance {
         let mut covariance = Self { rows };
         covariance.mirror::<4>();
         covariance
+    }
+
+    /// Of the first parts, what [`Self::step`] and [`Self::reduce`] change.
+    pub(super) fn parts<const PARTS: usize>(&self) -> Parts<PARTS> {
+        let mut parts = [[[[0.0; 6]; PARTS]; 6]; PARTS];
+        for (to, from) in parts.as_flattened_mut().iter_mut().zip(self.rows.as_flattened()) {
+            for (to, from) in to.iter_mut().zip(from) {
+                *to = *from;
+            }
+        }
+        parts
+    }
+
+    /// Those back as they were.
+    pub(super) fn set_parts<const PARTS: usize>(&mut self, parts: &Parts<PARTS>) {
+        for (to, from) in self.rows.as_flattened_mut().iter_mut().zip(parts.as_flattened()) {
+            for (to, from) in to.iter_mut().zip(from) {
+                *to = *from;
+            }
+        }
     }
 
     /// P ← F·P·Fᵀ + Q over `dt` s. Place and rate: F = \[I, a·I; 0, φ·I\] with φ = exp(−dt/τ) and a = τ·(1 − φ). Swing and rate:
@@ -217,6 +240,22 @@ mod tests {
                 assert!((found - sum).abs() < 1e-12 * size + 1e-8 * sum.abs(), "{dt}: {found:e} {sum:e}");
             }
         }
+    }
+
+    #[test]
+    fn parts_put_back_undo_a_step_and_a_reduction_to_the_bit() {
+        fn undone<const PARTS: usize>(swing: &Swing) {
+            let (drift, mut covariance) = (Drift { speed: 3e-3, turn_rate: 1e-4, time: 2.0 }, any());
+            let before = covariance.parts::<PARTS>();
+            covariance.step::<PARTS>(0.5, &drift, swing, &swing.turns(0.5));
+            let rows = covariance.seen::<PARTS>(&[[[0.3, -0.2, 0.5]; 3]; 2]);
+            covariance.reduce(&rows, &[1e6; 6]);
+            assert_ne!(covariance, any());
+            covariance.set_parts(&before);
+            assert_eq!(covariance, any());
+        }
+        undone::<2>(&Swing::NONE);
+        undone::<4>(&SWING);
     }
 
     #[test]

@@ -295,7 +295,9 @@ impl Estimate {
         let dt = seconds(self.at, seen.at);
         let turns = config.swing.turns(dt);
         let motion = self.motion.after(dt, config, &turns);
-        let mut covariance = self.covariance;
+        // In place, and back where it is not taken: that is less to copy than the whole.
+        let before = self.covariance.parts::<PARTS>();
+        let covariance = &mut self.covariance;
         covariance.step::<PARTS>(dt, &config.drift, &config.swing, &turns);
         let displacement = motion.displacement(config);
         let turn = Pose::from_rotation_vector(Vector3::zeros(), displacement.rotation).rotation;
@@ -319,17 +321,18 @@ impl Estimate {
             add(&mut s[k], &seen.noise[k], 1.0);
             s[k][k] += bend;
         }
-        let (verdict, weights) = judge(&mut rows, &mut s, &mut y)?;
-        if verdict.is_taken() {
+        let judged = judge(&mut rows, &mut s, &mut y);
+        if let Ok((Verdict::Taken { .. }, weights)) = &judged {
             let mut steps = [[0.0; 6]; 4];
             for (row, e) in rows.iter().zip(y) {
                 add(steps.as_flattened_mut(), row.as_flattened(), e);
             }
-            covariance.reduce(&rows, &weights);
-            // Field by field: of a whole the covariance would be copied twice.
-            (self.at, self.motion, self.covariance) = (seen.at, motion.stepped(&steps), covariance);
+            covariance.reduce(&rows, weights);
+            (self.at, self.motion) = (seen.at, motion.stepped(&steps));
+        } else {
+            covariance.set_parts(&before);
         }
-        Ok(verdict)
+        judged.map(|(verdict, _)| verdict)
     }
 }
 

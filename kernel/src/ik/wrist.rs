@@ -29,6 +29,8 @@ use nalgebra::{Matrix3, Vector3};
 pub const REACH_TOLERANCE: f64 = 5e-13;
 /// Lengths (m) and sines below which a joint is free, and stays where the seed has it.
 pub const FREE: f64 = 1e-13;
+/// What rounding may make of a difference of two angles (rad), and far more.
+const ROUNDING: f64 = 1e-9;
 
 /// What a table says of an arm with a spherical wrist.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,7 +110,11 @@ impl Geometry {
         check(base_from_flange, seed)?;
         held(arm, seed)?;
         let mut found = Branches::empty();
-        self.all(arm, &Goal::new(self, arm, base_from_flange, seed), seed, |answer| found.push(answer))?;
+        let goal = Goal::new(self, arm, base_from_flange, seed);
+        self.all(arm, &goal, seed, f64::INFINITY, |answer| {
+            found.push(answer);
+            f64::INFINITY
+        })?;
         Ok(found)
     }
 
@@ -135,26 +141,33 @@ impl Geometry {
             Some((answer, far, _)) => (Some(answer), far),
             None => (None, f64::INFINITY),
         };
-        self.all(arm, &goal, seed, |answer| {
+        let all = self.all(arm, &goal, seed, least, |answer| {
             let far = distance(&answer.joints, seed);
             if far < least {
                 (best, least) = (Some(answer), far);
             }
-        })?;
-        // Never none: then `all` has said why.
-        best.ok_or(IkError::NotFinite)
+            least
+        });
+        // Without a best one nothing was left out, and `all` says why there is none.
+        best.ok_or_else(|| all.err().unwrap_or(IkError::NotFinite))
     }
 
-    /// Every branch's answer is given to `found`; an error if there is none.
+    /// Every branch's answer is given to `found`, which says how far from the seed an answer may be to be of interest; what one
+    /// angle alone shows to be farther is left out. An error if there is none.
     fn all<const N: usize>(
         &self,
         arm: &Arm<N>,
         goal: &Goal,
         seed: &JointPos<N>,
-        mut found: impl FnMut(Answer<N>),
+        mut most: f64,
+        mut found: impl FnMut(Answer<N>) -> f64,
     ) -> Result<(), IkError> {
         let (mut any, mut missed) = (false, Missed::nothing());
+        let [seed1, _, seed3, seed4, ..] = goal.seed;
         for shoulder in self.shoulders(goal)? {
+            if self.least(shoulder.theta1, seed1) > most {
+                continue;
+            }
             let bend = match self.bend(goal, &shoulder) {
                 Ok(bend) => bend,
                 Err(by) => {
@@ -164,13 +177,19 @@ impl Geometry {
             };
             let across = Across::new(self, goal, &shoulder);
             for side in [Side::Plus, Side::Minus] {
+                if self.least(self.theta3(&bend, side), seed3) > most {
+                    continue;
+                }
                 let elbow = self.elbow(goal, &bend, side);
                 let wrist = self.wrist(goal, &across, &elbow);
                 for wrist in [wrist, wrist.flipped()] {
+                    if self.least(wrist.theta4, seed4) > most {
+                        continue;
+                    }
                     match self.answer(arm, seed, (&shoulder, &elbow, &wrist)) {
                         Ok(answer) => {
                             any = true;
-                            found(answer);
+                            most = found(answer);
                         }
                         Err(beyond) => missed.limit(beyond),
                     }
@@ -178,6 +197,14 @@ impl Geometry {
             }
         }
         if any { Ok(()) } else { Err(missed.error()) }
+    }
+
+    /// How far from the seed an answer is at least whose link has this angle where the seed's has that, whatever full turns its
+    /// joints make. Less by what rounding may take from it: what lies so near is computed.
+    fn least(&self, angle: f64, seed: f64) -> f64 {
+        let away = libm::fabs(angle - seed);
+        let turned = if away <= PI { away } else { libm::fabs(away - 2.0 * PI * libm::round(away / (2.0 * PI))) };
+        self.share * turned - ROUNDING
     }
 
     /// The branch on whose sides the seed is, how far it is from the seed, and half of the least that any other branch
