@@ -95,6 +95,7 @@ fn a_peer_that_reads_and_writes_one_byte_at_a_time_gets_whole_packages_each_once
     let mut cell = Cell::demo(500).unwrap();
     // How fast this machine carries single bytes is not the matter.
     (cell.link.timeout, cell.link.watchdog) = (10.0, 10.0);
+    cell.realtime.overruns_max = 1_000_000;
     let (mut line, wire) = connected();
     let over = AtomicBool::new(false);
     let start = Instant::now();
