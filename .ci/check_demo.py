@@ -24,6 +24,7 @@ import tomllib
 
 import ifc_curves
 import numpy as np
+from ur10e import ALPHA, A, D
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PROGRAMS = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release"
@@ -42,11 +43,6 @@ BACKWARD = 1e-7  # m: how far a setpoint may lie behind the one before it, for r
 LAYER_TIME, LAYER_TIME_ERROR = 70.0, 0.005  # s
 BEAD = 0.024 * 0.015  # m²: width and height in both models
 KINEMATICS = 1e-9  # m, and in the elements of the rotation
-
-# UR10e, standard Denavit-Hartenberg, as published by the maker.
-D = [0.1807, 0, 0, 0.17415, 0.11985, 0.11655]
-A = [0, -0.6127, -0.57155, 0, 0, 0]
-ALPHA = [math.pi / 2, 0, 0, math.pi / 2, -math.pi / 2, 0]
 
 
 class Violation(Exception):

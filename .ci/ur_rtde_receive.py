@@ -12,7 +12,6 @@ the TCP pose with forward kinematics computed here, to 1e-9. Exit code 0: all ag
 import csv
 import importlib.metadata
 import json
-import math
 import os
 import socket
 import struct
@@ -23,44 +22,14 @@ import threading
 import time
 import tomllib
 
+from ur10e import pose_error
+
 HOST = "127.0.0.1"
 PORT = 30004  # ur_rtde knows no other
 CELL = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "fixtures", "cells", "demo.toml")
 SAMPLES = 200
 PATIENCE = 30  # s
 TOLERANCE = 1e-9
-
-# UR10e, standard Denavit-Hartenberg, as published by the maker.
-D = [0.1807, 0, 0, 0.17415, 0.11985, 0.11655]
-A = [0, -0.6127, -0.57155, 0, 0, 0]
-ALPHA = [math.pi / 2, 0, 0, math.pi / 2, -math.pi / 2, 0]
-
-
-def multiply(p, q):
-    return [[sum(p[i][k] * q[k][j] for k in range(4)) for j in range(4)] for i in range(4)]
-
-
-def forward(q, tool):
-    """base_from_tcp; the tool is straight, so that it adds to the last d."""
-    pose = [[float(i == j) for j in range(4)] for i in range(4)]
-    for theta, d, a, alpha in zip(q, [*D[:5], D[5] + tool], A, ALPHA):
-        c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
-        link = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
-        pose = multiply(pose, link)
-    return pose
-
-
-def rotation(vector):
-    """The matrix of a rotation vector, by Rodrigues' formula."""
-    angle = math.sqrt(sum(v * v for v in vector))
-    x, y, z = (v / angle for v in vector) if angle > 0 else (0, 0, 1)
-    c, s, k = math.cos(angle), math.sin(angle), 1 - math.cos(angle)
-    return [
-        [c + x * x * k, x * y * k - z * s, x * z * k + y * s],
-        [y * x * k + z * s, c + y * y * k, y * z * k - x * s],
-        [z * x * k - y * s, z * y * k + x * s, c + z * z * k],
-    ]
-
 
 def package(kind, payload=b""):
     return struct.pack(">HB", len(payload) + 3, ord(kind)) + payload
@@ -167,10 +136,7 @@ def main():
     for timestamp, q, target, pose in found:
         assert q == rows[timestamp], f"joints at {timestamp}: {q}, the record has {rows[timestamp]}"
         assert target == q
-        expected, turned = forward(q, tool), rotation(pose[3:])
-        for i in range(3):
-            worst = max(worst, abs(pose[i] - expected[i][3]))
-            worst = max([worst] + [abs(turned[i][j] - expected[i][j]) for j in range(3)])
+        worst = max(worst, pose_error(pose, q, tool))
         moved = max(moved, abs(q[0] - found[0][1][0]))
     assert worst <= TOLERANCE, f"TCP pose differs by {worst}"
     assert moved > 0.05, f"the robot moved only by {moved} rad"

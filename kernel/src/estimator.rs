@@ -130,13 +130,10 @@ impl<const N: usize, const DEPTH: usize> Estimator<N, DEPTH> {
     /// [`EstimatorError`]
     pub fn new(config: &EstimatorConfig<N>) -> Result<Self, EstimatorError> {
         let longest = DEAD_TICKS_MAX as f64 * config.base.period;
-        // A hold that is no number is the base's to refuse.
-        if !(0.0..=longest).contains(&config.dead_time)
-            || config.dead_time >= config.base.hold && config.base.hold > 0.0
-        {
+        let base = Base::new(&config.base).map_err(EstimatorError::Base)?;
+        if !(0.0..=longest).contains(&config.dead_time) || config.dead_time >= config.base.hold {
             return Err(EstimatorError::DeadTime);
         }
-        let base = Base::new(&config.base).map_err(EstimatorError::Base)?;
         let at_rest = State::at_rest(JointPos::ZERO);
         Ekf::new(at_rest, &config.start_deviation, &config.jerk_density).map_err(EstimatorError::Filter)?;
         Ok(Self {
