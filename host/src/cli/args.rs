@@ -1,10 +1,12 @@
 //! The arguments of every command, as clap reads them. What needs the cell to be judged has a `checked` of its own.
 
 mod realtime;
+mod rtde;
 mod wcet;
 
 use crate::config::Cell;
 use crate::failure::{Exit, Failure};
+use crate::link::rtde::wire::Protocol;
 use crate::sim::line::LineFault;
 use crate::sim::ur::robot::Generation;
 use std::net::IpAddr;
@@ -12,6 +14,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 pub use realtime::{DoctorArgs, LatencyArgs, Yardstick};
+pub use rtde::{RtdeCommand, RtdeRecordArgs};
 pub use wcet::WcetArgs;
 
 /// `screed demo`
@@ -339,6 +342,9 @@ pub struct SimUrArgs {
     /// The controller: cb3 (software 3.15, 125 Hz) or e-series (5.11, 500 Hz)
     #[arg(long, value_name = "GENERATION", default_value = "e-series")]
     pub controller: Generation,
+    /// The newest protocol of RTDE that it accepts: 1, or 2
+    #[arg(long, value_name = "VERSION", default_value = "2", value_parser = rtde_protocol)]
+    pub rtde_protocol: Protocol,
     /// Start without power, brakes on, no program running
     #[arg(long)]
     pub power_off: bool,
@@ -391,6 +397,14 @@ fn rate(text: &str) -> Result<u32, String> {
         "125" => Ok(125),
         "500" => Ok(500),
         _ => Err("expected 125 or 500".to_owned()),
+    }
+}
+
+fn rtde_protocol(text: &str) -> Result<Protocol, String> {
+    match text {
+        "1" => Ok(Protocol::One),
+        "2" => Ok(Protocol::Two),
+        _ => Err("expected 1 or 2".to_owned()),
     }
 }
 

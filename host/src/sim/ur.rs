@@ -24,6 +24,7 @@ pub use session::ClientId;
 
 use crate::config::Cell;
 use crate::link::rtde::TextLevel;
+use crate::link::rtde::wire::Protocol;
 use body::Body;
 use fields::{InputValues, Outputs};
 use machine::{Machine, WatchdogRequest};
@@ -213,7 +214,7 @@ impl Controller {
         let power = if options.powered { Power::Running } else { Power::Off };
         let mut controller = Self {
             options,
-            exchange: Exchange { inputs, owners, updated, packages: 0, rate, software },
+            exchange: Exchange { inputs, owners, updated, packages: 0, rate, software, protocol: Protocol::Two },
             sessions: BTreeMap::new(),
             clients: 0,
             machine: None,
@@ -244,6 +245,11 @@ impl Controller {
             let _ = controller.play();
         }
         Ok(controller)
+    }
+
+    /// Accepts no newer protocol of RTDE than this from now on.
+    pub const fn limit_protocol(&mut self, newest: Protocol) {
+        self.exchange.protocol = newest;
     }
 
     /// A client of RTDE has connected.

@@ -14,6 +14,7 @@ use super::script::upload::Upload;
 use super::streams::{Port, Stream};
 use super::{ClientId, Controller, ControllerError, Options};
 use crate::failure::{Exit, Failure};
+use crate::link::rtde::wire::Protocol;
 use screed_kernel::arm::Arm;
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -42,6 +43,8 @@ pub struct ServeOptions {
     pub allow_remote: bool,
     /// A CSV file with a row for each cycle.
     pub record: Option<PathBuf>,
+    /// The newest protocol of RTDE that it accepts.
+    pub rtde_protocol: Protocol,
     /// Ends when nobody is connected for so long.
     pub exit_when_idle: Option<Duration>,
     /// Prints JSON instead of sentences.
@@ -211,7 +214,8 @@ impl Server {
         if !options.host.is_loopback() && !options.allow_remote {
             return Err(SimError::NotLoopback { host: options.host });
         }
-        let controller = Controller::new(&options.arm, options.controller.clone())?;
+        let mut controller = Controller::new(&options.arm, options.controller.clone())?;
+        controller.limit_protocol(options.rtde_protocol);
         if let Some(fault) = controller.program_fault() {
             return Err(SimError::Program { fault: fault.to_owned() });
         }
@@ -471,6 +475,7 @@ mod tests {
             port: 0,
             allow_remote: false,
             record,
+            rtde_protocol: Protocol::Two,
             exit_when_idle: Some(Duration::from_millis(200)),
             json: false,
             stop: || false,

@@ -7,7 +7,8 @@
 use super::fields::{InputValues, Snapshot, Source, output};
 use crate::link::rtde::TextLevel;
 use crate::link::rtde::wire::{
-    Deframer, FieldType, HEADER_LEN, PACKAGE_MAX, PackageKind, PackageWriter, PayloadReader, TEXT_MAX, list_entries,
+    Deframer, FieldType, HEADER_LEN, PACKAGE_MAX, PackageKind, PackageWriter, PayloadReader, Protocol, TEXT_MAX,
+    list_entries,
 };
 
 /// Unsent bytes at which a client that does not read is cut off; real controllers keep about ten seconds.
@@ -33,6 +34,8 @@ pub(super) struct Exchange {
     pub rate: u32,
     /// The controller's software: major, minor, bugfix, build.
     pub software: [u32; 4],
+    /// The newest protocol that is accepted.
+    pub protocol: Protocol,
 }
 
 #[derive(Clone, Debug)]
@@ -116,7 +119,7 @@ impl Session {
             PackageKind::ProtocolVersion => {
                 let Ok([high, low]) = <[u8; 2]>::try_from(payload) else { return self.wrong_size(kind) };
                 let wanted = u16::from_be_bytes([high, low]);
-                let accepted = matches!(wanted, 1 | 2);
+                let accepted = (1..=exchange.protocol.number()).contains(&wanted);
                 if accepted {
                     self.protocol = wanted;
                 }
