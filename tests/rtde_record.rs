@@ -25,6 +25,9 @@ const RECORD: &str = r#"<?xml version="1.0"?>
 	<recipe key="tomorrow">
 		<field name="dexterity" type="DOUBLE"/>
 	</recipe>
+	<recipe key="slider">
+		<field name="speed_slider_mask" type="UINT32"/>
+	</recipe>
 </rtde_config>
 "#;
 
@@ -126,8 +129,13 @@ fn what_cannot_be_recorded_is_told_with_its_place_and_code() {
     let (code, _, error) = record(&controller.1, &[&config, "--recipe", "tomorrow"]);
     let place = format!("{config}:17: recipe tomorrow: the controller (software 5.11.6.1) has no field dexterity");
     assert!(code == Some(4) && error.contains(&place) && error.contains("\nremedy: "), "{code:?} {error}");
+    let (code, _, error) = record(&controller.1, &[&config, "--recipe", "slider"]);
+    assert!(code == Some(4) && error.contains("cannot send speed_slider_mask, which is an input"), "{error}");
     let (code, _, error) = record(&controller.1, &[&config, "--recipe", "in"]);
-    assert!(code == Some(2) && error.contains("has no recipe in: expected one of out, modes, tomorrow"), "{error}");
+    assert!(
+        code == Some(2) && error.contains("has no recipe in: expected one of out, modes, tomorrow, slider"),
+        "{error}"
+    );
     let (code, _, error) = record("127.0.0.1:1", &[&config]);
     assert!(code == Some(4) && error.contains("127.0.0.1:1 does not answer"), "{error}");
     let slow = Controller::start(&["--controller", "cb3"]);
