@@ -9,6 +9,7 @@
 //! that is possible passes. After any error the client stays failed: a stream that lost its package borders is never read on.
 
 pub mod error;
+pub mod fields;
 pub mod program;
 pub mod recipe;
 #[cfg(test)]
@@ -382,7 +383,7 @@ impl Session {
             let source = wire::ShortText::new(b"")?;
             TextMessage { level: TextLevel::from_code(*level)?, message: wire::ShortText::new(message)?, source }
         } else {
-            TextMessage::decode(payload)?
+            TextMessage::decode(wire::Protocol::Two, payload)?
         };
         match self.texts.iter_mut().find(|slot| slot.is_none()) {
             Some(slot) => *slot = Some(text),

@@ -12,6 +12,25 @@ pub const PACKAGE_MAX: usize = u16::MAX as usize;
 /// Longest message or source in a text package of protocol 2: its length is one byte.
 pub const TEXT_MAX: usize = u8::MAX as usize;
 
+/// The version of the protocol. Before one is agreed, packages have the form of the first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Protocol {
+    /// No rate in a setup of outputs, no recipe in its answer and in data for the client, texts without a source.
+    One,
+    /// With all of them.
+    Two,
+}
+
+impl Protocol {
+    /// The number on the wire.
+    pub const fn number(self) -> u16 {
+        match self {
+            Self::One => 1,
+            Self::Two => 2,
+        }
+    }
+}
+
 /// What a package is; one byte of its header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PackageKind {
@@ -133,6 +152,20 @@ impl FieldType {
             Self::Vector6Int32 => "VECTOR6INT32",
             Self::Vector6Uint32 => "VECTOR6UINT32",
         }
+    }
+
+    /// How many numbers it has.
+    pub const fn elements(self) -> usize {
+        match self {
+            Self::Vector3d => 3,
+            Self::Vector6d | Self::Vector6Int32 | Self::Vector6Uint32 => 6,
+            _ => 1,
+        }
+    }
+
+    /// The names of all types, for messages.
+    pub fn names() -> String {
+        Self::ALL.map(Self::name).join(", ")
     }
 
     /// The type with this name.
@@ -261,6 +294,11 @@ impl<'a> PayloadReader<'a> {
         self.array().map(i32::from_be_bytes)
     }
 
+    /// The next u64.
+    pub fn u64(&mut self) -> Option<u64> {
+        self.array().map(u64::from_be_bytes)
+    }
+
     /// The next double.
     pub fn f64(&mut self) -> Option<f64> {
         self.array().map(f64::from_be_bytes)
@@ -334,19 +372,29 @@ impl Deframer {
     }
 }
 
-/// Up to 255 bytes of text in fixed memory.
+/// Up to `N` bytes of text in fixed memory, `N` at most 255.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub struct ShortText {
-    bytes: [u8; TEXT_MAX],
+pub struct ShortText<const N: usize = TEXT_MAX> {
+    bytes: [u8; N],
     len: u8,
 }
 
-impl ShortText {
-    /// The text as it came; None when it is longer than 255 bytes.
+impl<const N: usize> ShortText<N> {
+    /// The text as it came; None when it is longer.
     pub fn new(text: &[u8]) -> Option<Self> {
-        let mut short = Self { bytes: [0; TEXT_MAX], len: u8::try_from(text.len()).ok()? };
+        let mut short = Self { bytes: [0; N], len: u8::try_from(text.len()).ok()? };
         short.bytes.get_mut(..text.len())?.copy_from_slice(text);
         Some(short)
+    }
+
+    /// The beginning of a text, as much as there is room for.
+    pub fn cut(text: &[u8]) -> Self {
+        let len = text.len().min(N).min(TEXT_MAX);
+        let mut short = Self { bytes: [0; N], len: len as u8 };
+        for (to, from) in short.bytes.iter_mut().zip(text).take(len) {
+            *to = *from;
+        }
+        short
     }
 
     /// The bytes; a controller may send any, UTF-8 or not.
@@ -355,7 +403,7 @@ impl ShortText {
     }
 }
 
-impl fmt::Display for ShortText {
+impl<const N: usize> fmt::Display for ShortText<N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for chunk in self.as_bytes().utf8_chunks() {
             f.write_str(chunk.valid())?;
@@ -367,7 +415,7 @@ impl fmt::Display for ShortText {
     }
 }
 
-impl fmt::Debug for ShortText {
+impl<const N: usize> fmt::Debug for ShortText<N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "\"{self}\"")
     }
@@ -421,8 +469,14 @@ pub struct TextMessage {
 }
 
 impl TextMessage {
-    /// Decodes the payload of protocol 2: length, message, length, source, level, and nothing behind.
-    pub fn decode(payload: &[u8]) -> Option<Self> {
+    /// Decodes a payload. Protocol 2 has length, message, length, source, level, and nothing behind; protocol 1 has level and
+    /// message, of which what is longer than 255 bytes is cut.
+    pub fn decode(protocol: Protocol, payload: &[u8]) -> Option<Self> {
+        if protocol == Protocol::One {
+            let (level, message) = payload.split_first()?;
+            let (message, source) = (ShortText::cut(message), ShortText::cut(b""));
+            return Some(Self { level: TextLevel::from_code(*level)?, source, message });
+        }
         let mut reader = PayloadReader::new(payload);
         let mut text = || {
             let len = reader.u8()?;

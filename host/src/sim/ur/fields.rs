@@ -1,31 +1,11 @@
-//! The fields of the RTDE guide: names, types, and what the simulated controller has to say about each.
-//!
-//! Names and types as in the field table of the Universal_Robots_Client_Library (`src/rtde/data_package.cpp`).
+//! What the simulated controller has to say about each field of [`crate::link::rtde::fields`], and the inputs' values.
 
+use crate::link::rtde::fields;
+pub(super) use crate::link::rtde::fields::REGISTERS;
 use crate::link::rtde::wire::{FieldType, PayloadReader};
 use screed_kernel::arm::Arm;
 use screed_kernel::units::JointPos;
 use std::collections::HashMap;
-
-/// Integer and double registers, each way.
-pub(super) const REGISTERS: usize = 48;
-
-/// Inputs that are no registers.
-const NAMED_INPUTS: [(&str, FieldType); 13] = [
-    ("speed_slider_mask", FieldType::Uint32),
-    ("speed_slider_fraction", FieldType::Double),
-    ("standard_digital_output_mask", FieldType::Uint8),
-    ("standard_digital_output", FieldType::Uint8),
-    ("configurable_digital_output_mask", FieldType::Uint8),
-    ("configurable_digital_output", FieldType::Uint8),
-    ("tool_digital_output_mask", FieldType::Uint8),
-    ("tool_digital_output", FieldType::Uint8),
-    ("standard_analog_output_mask", FieldType::Uint8),
-    ("standard_analog_output_type", FieldType::Uint8),
-    ("standard_analog_output_0", FieldType::Double),
-    ("standard_analog_output_1", FieldType::Double),
-    ("external_force_torque", FieldType::Vector6d),
-];
 
 /// The value of an input: the bytes of its type, big-endian, as they came.
 type Raw = [u8; 48];
@@ -42,14 +22,9 @@ pub(super) struct InputValues {
 impl InputValues {
     /// All zero, as after the controller's start.
     pub(super) fn new() -> Self {
-        let mut fields: Vec<(String, FieldType)> = Vec::new();
-        fields.extend(NAMED_INPUTS.map(|(name, kind)| (name.to_owned(), kind)));
-        fields.extend(["0_to_31", "32_to_63"].map(|n| (format!("input_bit_registers{n}"), FieldType::Uint32)));
-        fields.extend((64..128).map(|n| (format!("input_bit_register_{n}"), FieldType::Bool)));
-        let first_int = fields.len();
-        fields.extend((0..REGISTERS).map(|n| (format!("input_int_register_{n}"), FieldType::Int32)));
-        let first_double = fields.len();
-        fields.extend((0..REGISTERS).map(|n| (format!("input_double_register_{n}"), FieldType::Double)));
+        let fields: Vec<_> = fields::inputs().collect();
+        let first = |name: &str| fields.iter().position(|(known, _)| known == name).unwrap_or(fields.len());
+        let (first_int, first_double) = (first("input_int_register_0"), first("input_double_register_0"));
         let raw = vec![[0; 48]; fields.len()];
         let places = fields.into_iter().enumerate().map(|(place, (name, kind))| (name, (place, kind))).collect();
         Self { places, raw, first_int, first_double }
@@ -286,93 +261,53 @@ pub(super) enum Source {
 }
 
 /// Outputs that the simulation gives a meaning.
-const SIMULATED: [(&str, FieldType, Source); 34] = [
-    ("timestamp", FieldType::Double, Source::Timestamp),
-    ("control_step", FieldType::Uint64, Source::ControlStep),
-    ("target_q", FieldType::Vector6d, Source::TargetQ),
-    ("target_qd", FieldType::Vector6d, Source::TargetQd),
-    ("target_qdd", FieldType::Vector6d, Source::TargetQdd),
-    ("actual_q", FieldType::Vector6d, Source::TargetQ),
-    ("actual_qd", FieldType::Vector6d, Source::TargetQd),
-    ("actual_TCP_pose", FieldType::Vector6d, Source::TcpPose),
-    ("target_TCP_pose", FieldType::Vector6d, Source::TcpPose),
-    ("actual_TCP_speed", FieldType::Vector6d, Source::TcpSpeed),
-    ("target_TCP_speed", FieldType::Vector6d, Source::TcpSpeed),
-    ("tcp_offset", FieldType::Vector6d, Source::TcpOffset),
-    ("speed_scaling", FieldType::Double, Source::SpeedScaling),
-    ("standard_analog_output0", FieldType::Double, Source::AnalogOutput(0)),
-    ("standard_analog_output1", FieldType::Double, Source::AnalogOutput(1)),
-    ("analog_io_types", FieldType::Uint32, Source::AnalogTypes),
-    ("payload", FieldType::Double, Source::Payload),
-    ("payload_cog", FieldType::Vector3d, Source::PayloadCog),
-    ("payload_inertia", FieldType::Vector6d, Source::PayloadInertia),
-    ("elbow_position", FieldType::Vector3d, Source::Elbow),
-    ("output_bit_registers0_to_31", FieldType::Uint32, Source::OutputBits(false)),
-    ("output_bit_registers32_to_63", FieldType::Uint32, Source::OutputBits(true)),
-    ("target_speed_fraction", FieldType::Double, Source::SpeedFraction),
-    ("runtime_state", FieldType::Uint32, Source::RuntimeState),
-    ("robot_mode", FieldType::Int32, Source::RobotMode),
-    ("robot_status_bits", FieldType::Uint32, Source::RobotStatusBits),
-    ("safety_mode", FieldType::Int32, Source::SafetyMode),
-    ("safety_status", FieldType::Int32, Source::SafetyMode),
-    ("safety_status_bits", FieldType::Uint32, Source::SafetyStatusBits),
-    ("joint_mode", FieldType::Vector6Int32, Source::JointMode),
-    ("actual_digital_output_bits", FieldType::Uint64, Source::DigitalOutputs),
-    ("actual_configurable_digital_output_bits", FieldType::Uint64, Source::Zero),
-    ("actual_digital_input_bits", FieldType::Uint64, Source::Zero),
-    ("actual_configurable_digital_input_bits", FieldType::Uint64, Source::Zero),
+const SIMULATED: [(&str, Source); 31] = [
+    ("timestamp", Source::Timestamp),
+    ("control_step", Source::ControlStep),
+    ("target_q", Source::TargetQ),
+    ("target_qd", Source::TargetQd),
+    ("target_qdd", Source::TargetQdd),
+    ("actual_q", Source::TargetQ),
+    ("actual_qd", Source::TargetQd),
+    ("actual_TCP_pose", Source::TcpPose),
+    ("target_TCP_pose", Source::TcpPose),
+    ("actual_TCP_speed", Source::TcpSpeed),
+    ("target_TCP_speed", Source::TcpSpeed),
+    ("tcp_offset", Source::TcpOffset),
+    ("speed_scaling", Source::SpeedScaling),
+    ("standard_analog_output0", Source::AnalogOutput(0)),
+    ("standard_analog_output1", Source::AnalogOutput(1)),
+    ("analog_io_types", Source::AnalogTypes),
+    ("payload", Source::Payload),
+    ("payload_cog", Source::PayloadCog),
+    ("payload_inertia", Source::PayloadInertia),
+    ("elbow_position", Source::Elbow),
+    ("output_bit_registers0_to_31", Source::OutputBits(false)),
+    ("output_bit_registers32_to_63", Source::OutputBits(true)),
+    ("target_speed_fraction", Source::SpeedFraction),
+    ("runtime_state", Source::RuntimeState),
+    ("robot_mode", Source::RobotMode),
+    ("robot_status_bits", Source::RobotStatusBits),
+    ("safety_mode", Source::SafetyMode),
+    ("safety_status", Source::SafetyMode),
+    ("safety_status_bits", Source::SafetyStatusBits),
+    ("joint_mode", Source::JointMode),
+    ("actual_digital_output_bits", Source::DigitalOutputs),
 ];
 
-/// Outputs that exist and are answered with zero: no load, no current, no temperature is simulated.
-const ZERO_DOUBLES: &str = "actual_execution_time target_execution_time actual_momentum actual_main_voltage \
-    actual_robot_voltage actual_robot_current standard_analog_input0 standard_analog_input1 io_current \
-    actual_robot_energy_consumed actual_robot_braking_energy_dissipated \
-    euromap67_24V_voltage euromap67_24V_current tool_analog_input0 tool_analog_input1 tool_output_current \
-    tool_temperature tcp_force_scalar joint_position_deviation_ratio collision_detection_ratio";
-const ZERO_VECTORS_6: &str = "target_current target_moment actual_current actual_current_window \
-    actual_current_as_torque joint_control_output actual_TCP_force actual_TCP_acceleration target_TCP_acceleration \
-    joint_temperatures actual_joint_voltage ft_raw_wrench wrench_calc_from_currents \
-    target_base_acceleration target_base_wrench";
-const ZERO_VECTORS_3: &str = "actual_tool_accelerometer elbow_velocity target_gravity";
-const ZERO_UINT32: &str = "tool_mode tool_analog_input_types script_control_line \
-    euromap67_input_bits euromap67_output_bits";
-const ZERO_INT32: &str = "tool_output_voltage encoder0_raw encoder1_raw time_scale_source";
-const ZERO_UINT8: &str = "tool_output_mode tool_digital_output0_mode tool_digital_output1_mode";
-
-/// The type and the source of the output of this name.
+/// The type and the source of the output of this name: zero where no load, no current, no temperature is simulated.
 pub(super) fn output(name: &[u8], inputs: &InputValues) -> Option<(FieldType, Source)> {
-    if let Some((_, kind, source)) = SIMULATED.iter().find(|(known, ..)| known.as_bytes() == name) {
-        return Some((*kind, *source));
-    }
-    if name.starts_with(b"input_") {
-        return inputs.find(name).map(|(place, kind)| (kind, Source::Input(place)));
-    }
-    let text = std::str::from_utf8(name).ok()?;
-    if let Some(register) = numbered(text, "output_int_register_", 0, REGISTERS) {
-        return Some((FieldType::Int32, Source::OutputInt(register)));
-    }
-    if let Some(register) = numbered(text, "output_double_register_", 0, REGISTERS) {
-        return Some((FieldType::Double, Source::OutputDouble(register)));
-    }
-    if let Some(register) = numbered(text, "output_bit_register_", 64, 128) {
-        return Some((FieldType::Bool, Source::OutputBit(register)));
-    }
-    let zeros = [
-        (ZERO_DOUBLES, FieldType::Double),
-        (ZERO_VECTORS_6, FieldType::Vector6d),
-        (ZERO_VECTORS_3, FieldType::Vector3d),
-        (ZERO_UINT32, FieldType::Uint32),
-        (ZERO_INT32, FieldType::Int32),
-        (ZERO_UINT8, FieldType::Uint8),
-    ];
-    let (_, kind) = zeros.into_iter().find(|(names, _)| names.split_whitespace().any(|known| known == text))?;
-    Some((kind, Source::Zero))
-}
-
-/// The number behind `prefix`, written as the guide writes it: no sign, no leading zero.
-fn numbered(name: &str, prefix: &str, from: usize, to: usize) -> Option<usize> {
-    let digits = name.strip_prefix(prefix)?;
-    (from..to).find(|number| number.to_string() == digits)
+    let name = std::str::from_utf8(name).ok()?;
+    let kind = fields::output(name)?;
+    let simulated = || SIMULATED.iter().find(|(known, _)| *known == name).map(|(_, source)| *source);
+    let input = || inputs.find(name.as_bytes()).map(|(place, _)| Source::Input(place));
+    let register = |prefix, numbers| fields::number(name, prefix, numbers);
+    let source = simulated()
+        .or_else(input)
+        .or_else(|| register("output_int_register_", 0..REGISTERS).map(Source::OutputInt))
+        .or_else(|| register("output_double_register_", 0..REGISTERS).map(Source::OutputDouble))
+        .or_else(|| register("output_bit_register_", 64..128).map(Source::OutputBit));
+    Some((kind, source.unwrap_or(Source::Zero)))
 }
 
 impl Snapshot<'_> {
