@@ -10,7 +10,8 @@ mod calls;
 mod compute;
 
 use super::body::Body;
-use super::fields::{InputValues, Outputs};
+use super::inputs::InputValues;
+use super::outputs::Outputs;
 use super::script::ScriptError;
 use super::script::code::{Name, Op, Scope, Script, Value};
 use crate::link::rtde::program::WatchdogAction;

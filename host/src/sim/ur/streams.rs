@@ -141,8 +141,8 @@ fn robot_mode(scene: &Scene<'_>) -> Vec<u8> {
     let mut out = microseconds(scene).to_vec();
     let powered = scene.snapshot.robot_status_bits & 1 == 1;
     out.extend([true, true, powered].map(u8::from));
-    out.push(u8::from(scene.robot.safety == Safety::EmergencyStop));
-    out.push(u8::from(matches!(scene.robot.safety, Safety::ProtectiveStop { .. })));
+    out.push(u8::from(scene.robot.is_emergency()));
+    out.push(u8::from(matches!(scene.robot.safety(), Safety::ProtectiveStop { .. })));
     out.push(u8::from(scene.runtime == RuntimeState::Playing));
     out.push(u8::from(scene.runtime == RuntimeState::Paused));
     // Control mode 0: position.
@@ -259,7 +259,7 @@ fn realtime(scene: &Scene<'_>) -> Vec<u8> {
     doubles.push(f64::from(state.runtime_state));
     doubles.extend(state.elbow());
     doubles.extend([0.0; 3]);
-    doubles.push(f64::from(state.safety_mode));
+    doubles.push(f64::from(state.safety_status));
     doubles.extend([0.0; 3]);
     doubles.push(state.payload);
     doubles.extend(state.payload_cog);

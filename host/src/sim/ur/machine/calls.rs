@@ -4,7 +4,7 @@ use super::compute::{boolean, index, number, wrong};
 use super::{Notice, Surroundings, Waiting, WatchdogRequest};
 use crate::link::rtde::program::{GAIN_RANGE, LOOKAHEAD_RANGE, WatchdogAction};
 use crate::sim::ur::body::{Goal, Motion};
-use crate::sim::ur::fields::REGISTERS;
+use crate::sim::ur::inputs::REGISTERS;
 use crate::sim::ur::numbers;
 use crate::sim::ur::script::ScriptError;
 use crate::sim::ur::script::builtins::Builtin;
