@@ -13,6 +13,7 @@ pub mod dashboard;
 mod fields;
 pub mod inputs;
 mod machine;
+mod messages;
 mod outputs;
 mod panel;
 mod properties;
@@ -34,6 +35,7 @@ use cell::CellInputs;
 use dashboard::Desk;
 use inputs::Fieldbus;
 use machine::{Machine, WatchdogRequest};
+use messages::{Mailbox, Message};
 use outputs::Outputs;
 use robot::{Generation, Power, Robot, Safety};
 use screed_kernel::arm::Arm;
@@ -183,6 +185,9 @@ pub struct Controller {
     sessions: BTreeMap<ClientId, Session>,
     clients: u64,
     machine: Option<Machine>,
+    /// The name of the program that runs or is held.
+    running: Option<String>,
+    mailbox: Mailbox,
     secondary: Vec<Machine>,
     runtime: RuntimeState,
     fault: Option<String>,
@@ -237,6 +242,8 @@ impl Controller {
             sessions: BTreeMap::new(),
             clients: 0,
             machine: None,
+            running: None,
+            mailbox: Mailbox::default(),
             secondary: Vec::new(),
             runtime: RuntimeState::Stopped,
             fault: None,
@@ -324,7 +331,10 @@ impl Controller {
         }
         let script = match script::parse(text) {
             Ok(script) => script,
-            Err(error) => return self.announce(format!("script refused: {error}")),
+            Err(error) => {
+                self.tell(&Message::of_error(&error, text));
+                return self.announce(format!("script refused: {error}"));
+            }
         };
         if !self.robot.is_ready() {
             return self.announce("script refused: the robot is not ready to move".to_owned());
@@ -343,6 +353,9 @@ impl Controller {
     fn begin_program(&mut self, machine: Machine) {
         self.end_program();
         self.fault = None;
+        let name = machine.name().to_owned();
+        self.tell(&Message::Program { name: name.clone(), started: true });
+        self.running = Some(name);
         self.machine = Some(machine);
         self.runtime = RuntimeState::Playing;
     }

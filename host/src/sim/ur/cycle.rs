@@ -3,12 +3,16 @@
 use super::body::MotionRefused;
 use super::fields::Snapshot;
 use super::machine::{Machine, Notice, Surroundings, WatchdogRequest};
+use super::messages::Message;
 use super::robot::Power;
 use super::script::ScriptError;
 use super::session::Session;
 use super::streams::{Scene, Stream};
 use super::{Controller, CycleRecord, RuntimeState, Watchdog, numbers, timestamp};
 use crate::link::rtde::program::WatchdogAction;
+
+/// The code of a stop because a joint is not where it should be.
+const POSITION_OFF: i32 = 153;
 
 impl Controller {
     /// One control cycle: inputs, watchdogs, program, motion, outputs.
@@ -58,6 +62,7 @@ impl Controller {
             runtime: self.runtime,
             arm: &self.body.arm,
             generation: self.options.generation,
+            mailbox: &self.mailbox,
         });
     }
 
@@ -103,7 +108,7 @@ impl Controller {
                 // The program may have stopped itself.
                 Ok(true) if self.runtime != RuntimeState::Stopped => self.machine = Some(machine),
                 Ok(_) => self.end_program(),
-                Err(error) => self.stop_program(&error),
+                Err(error) => self.stop_program(&error, ""),
             }
         }
         for mut machine in std::mem::take(&mut self.secondary) {
@@ -122,6 +127,7 @@ impl Controller {
             cycles_per_second: f64::from(self.exchange.rate),
             inputs: &self.exchange.inputs,
             outputs: &mut self.outputs,
+            cell: &self.cell,
             body: &mut self.body,
             may_move,
             watchdogs: &mut watchdogs,
@@ -133,7 +139,10 @@ impl Controller {
         }
         for notice in notices {
             match notice {
-                Notice::Text(text) => self.log(&text),
+                Notice::Text(text) => {
+                    self.log(&text);
+                    self.tell(&Message::Text(text));
+                }
                 Notice::Popup { text, blocking } => {
                     self.show_popup(&text);
                     if blocking && may_move {
@@ -141,7 +150,7 @@ impl Controller {
                         self.runtime = RuntimeState::Paused;
                     }
                 }
-                Notice::ProtectiveStop => self.stop_for(&MotionRefused::Asked.to_string()),
+                Notice::ProtectiveStop => self.stop_for(0, &MotionRefused::Asked.to_string()),
             }
         }
         ran
@@ -153,13 +162,15 @@ impl Controller {
         } else if self.runtime != RuntimeState::Playing {
             self.body.hold();
         } else if let Err(refused) = self.body.step() {
-            self.stop_for(&refused.to_string());
+            let code = if matches!(refused, MotionRefused::Target(_)) { POSITION_OFF } else { 0 };
+            self.stop_for(code, &refused.to_string());
         }
     }
 
     /// A protective stop: the program is held until a person has unlocked and plays it again.
-    pub(super) fn stop_for(&mut self, why: &str) {
+    pub(super) fn stop_for(&mut self, code: i32, why: &str) {
         self.robot.stop();
+        self.tell(&Message::Stop { code, why: why.to_owned() });
         if self.runtime == RuntimeState::Playing {
             self.runtime = RuntimeState::Paused;
         }
@@ -168,6 +179,9 @@ impl Controller {
 
     /// The program ends: its watchdogs and its movement go with it.
     pub(super) fn end_program(&mut self) {
+        if let Some(name) = self.running.take() {
+            self.tell(&Message::Program { name, started: false });
+        }
         self.machine = None;
         self.watchdogs.clear();
         self.body.abandon_all();
@@ -175,9 +189,16 @@ impl Controller {
         self.runtime = RuntimeState::Stopped;
     }
 
-    pub(super) fn stop_program(&mut self, error: &ScriptError) {
+    pub(super) fn stop_program(&mut self, error: &ScriptError, text: &str) {
+        self.tell(&Message::of_error(error, text));
         self.end_program();
         self.announce(format!("robot program stopped: {error}"));
+    }
+
+    /// Puts a message on port 30001.
+    pub(super) fn tell(&mut self, message: &Message) {
+        // Far below what a u64 holds: a controller runs for years at most.
+        self.mailbox.push(message, (self.record.timestamp * 1e6).round() as u64);
     }
 
     fn snapshot(&self) -> Snapshot<'_> {
@@ -204,10 +225,9 @@ impl Controller {
             safety_mode: self.robot.safety_mode(),
             safety_status: self.robot.safety_status(),
             safety_status_bits: self.robot.safety_bits(),
-            payload: body.payload.mass,
-            payload_cog: body.payload.centre,
-            payload_inertia: body.payload.inertia,
-            arm: &body.arm,
+            script_line: self.machine.as_ref().map_or(0, Machine::line),
+            body,
+            cell: self.cell,
             digital_outputs: standard | configurable << 8 | tool << 16,
             outputs: self.outputs.clone(),
         }

@@ -2,11 +2,11 @@
 //!
 //! Names and types as in the field table of the Universal_Robots_Client_Library (`src/rtde/data_package.cpp`).
 
+use super::body::Body;
+use super::cell::CellInputs;
 use super::inputs::{InputValues, REGISTERS};
 use super::outputs::Outputs;
 use crate::link::rtde::wire::FieldType;
-use screed_kernel::arm::Arm;
-use screed_kernel::units::JointPos;
 
 /// What the robot says of itself in one cycle, for the outputs that mean something in the simulation (SI).
 #[derive(Clone, Debug)]
@@ -28,16 +28,16 @@ pub(super) struct Snapshot<'a> {
     pub safety_status_bits: u32,
     pub speed_scaling: f64,
     pub joint_mode: i32,
-    pub payload: f64,
-    pub payload_cog: [f64; 3],
-    pub payload_inertia: [f64; 6],
-    pub arm: &'a Arm<6>,
+    /// The line that the program is in.
+    pub script_line: u32,
+    pub body: &'a Body,
+    pub cell: CellInputs,
     pub digital_outputs: u64,
     pub outputs: Outputs,
 }
 
 /// Where an output's value comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Source {
     Timestamp,
     ControlStep,
@@ -51,7 +51,22 @@ pub(super) enum Source {
     Payload,
     PayloadCog,
     PayloadInertia,
+    Momentum,
+    TcpAcceleration,
+    Accelerometer,
+    Gravity,
     Elbow,
+    ElbowSpeed,
+    ScriptLine,
+    ToolMode,
+    DigitalInputs,
+    ConfigurableInputs,
+    ConfigurableOutputs,
+    AnalogInput(usize),
+    /// Every number of it: a constant of the simulation.
+    Constant(f64),
+    /// The same, of an integer.
+    Bits(u32),
     SpeedFraction,
     RuntimeState,
     RobotMode,
@@ -74,8 +89,14 @@ pub(super) enum Source {
     Zero,
 }
 
+/// Voltages of the robot and its main board (V), and temperatures (°C): plausible, and always the same.
+pub(super) const VOLTAGE: f64 = 48.0;
+pub(super) const TEMPERATURE: f64 = 25.0;
+/// Both inputs of a pair are voltages.
+const VOLTAGES: u32 = 0b11;
+
 /// Outputs that the simulation gives a meaning.
-const SIMULATED: [(&str, FieldType, Source); 34] = [
+const SIMULATED: [(&str, FieldType, Source); 54] = [
     ("timestamp", FieldType::Double, Source::Timestamp),
     ("control_step", FieldType::Uint64, Source::ControlStep),
     ("target_q", FieldType::Vector6d, Source::TargetQ),
@@ -107,24 +128,40 @@ const SIMULATED: [(&str, FieldType, Source); 34] = [
     ("safety_status_bits", FieldType::Uint32, Source::SafetyStatusBits),
     ("joint_mode", FieldType::Vector6Int32, Source::JointMode),
     ("actual_digital_output_bits", FieldType::Uint64, Source::DigitalOutputs),
-    ("actual_configurable_digital_output_bits", FieldType::Uint64, Source::Zero),
-    ("actual_digital_input_bits", FieldType::Uint64, Source::Zero),
-    ("actual_configurable_digital_input_bits", FieldType::Uint64, Source::Zero),
+    ("actual_configurable_digital_output_bits", FieldType::Uint64, Source::ConfigurableOutputs),
+    ("actual_digital_input_bits", FieldType::Uint64, Source::DigitalInputs),
+    ("actual_configurable_digital_input_bits", FieldType::Uint64, Source::ConfigurableInputs),
+    ("actual_momentum", FieldType::Double, Source::Momentum),
+    ("actual_TCP_acceleration", FieldType::Vector6d, Source::TcpAcceleration),
+    ("target_TCP_acceleration", FieldType::Vector6d, Source::TcpAcceleration),
+    ("actual_tool_accelerometer", FieldType::Vector3d, Source::Accelerometer),
+    ("target_gravity", FieldType::Vector3d, Source::Gravity),
+    ("elbow_velocity", FieldType::Vector3d, Source::ElbowSpeed),
+    ("script_control_line", FieldType::Uint32, Source::ScriptLine),
+    ("tool_mode", FieldType::Uint32, Source::ToolMode),
+    ("standard_analog_input0", FieldType::Double, Source::AnalogInput(0)),
+    ("standard_analog_input1", FieldType::Double, Source::AnalogInput(1)),
+    ("tool_analog_input0", FieldType::Double, Source::AnalogInput(2)),
+    ("tool_analog_input1", FieldType::Double, Source::AnalogInput(3)),
+    ("tool_analog_input_types", FieldType::Uint32, Source::Bits(VOLTAGES)),
+    ("actual_main_voltage", FieldType::Double, Source::Constant(VOLTAGE)),
+    ("actual_robot_voltage", FieldType::Double, Source::Constant(VOLTAGE)),
+    ("actual_joint_voltage", FieldType::Vector6d, Source::Constant(VOLTAGE)),
+    ("joint_temperatures", FieldType::Vector6d, Source::Constant(TEMPERATURE)),
+    ("tool_temperature", FieldType::Double, Source::Constant(TEMPERATURE)),
+    // In the configuration of newer software only.
+    ("dexterity", FieldType::Double, Source::Zero),
+    ("tool_output_voltage_2", FieldType::Int32, Source::Zero),
 ];
 
-/// Outputs that exist and are answered with zero: no load, no current, no temperature is simulated.
-const ZERO_DOUBLES: &str = "actual_execution_time target_execution_time actual_momentum actual_main_voltage \
-    actual_robot_voltage actual_robot_current standard_analog_input0 standard_analog_input1 io_current \
-    actual_robot_energy_consumed actual_robot_braking_energy_dissipated \
-    euromap67_24V_voltage euromap67_24V_current tool_analog_input0 tool_analog_input1 tool_output_current \
-    tool_temperature tcp_force_scalar joint_position_deviation_ratio collision_detection_ratio";
+/// Outputs that exist and are answered with zero: no mass but the payload's, no current, no contact is simulated.
+const ZERO_DOUBLES: &str = "actual_execution_time target_execution_time actual_robot_current io_current \
+    actual_robot_energy_consumed actual_robot_braking_energy_dissipated euromap67_24V_voltage euromap67_24V_current \
+    tool_output_current tool_output_current_2 tcp_force_scalar joint_position_deviation_ratio collision_detection_ratio";
 const ZERO_VECTORS_6: &str = "target_current target_moment actual_current actual_current_window \
-    actual_current_as_torque joint_control_output actual_TCP_force actual_TCP_acceleration target_TCP_acceleration \
-    joint_temperatures actual_joint_voltage ft_raw_wrench wrench_calc_from_currents \
+    actual_current_as_torque joint_control_output actual_TCP_force ft_raw_wrench wrench_calc_from_currents \
     target_base_acceleration target_base_wrench";
-const ZERO_VECTORS_3: &str = "actual_tool_accelerometer elbow_velocity target_gravity";
-const ZERO_UINT32: &str = "tool_mode tool_analog_input_types script_control_line \
-    euromap67_input_bits euromap67_output_bits";
+const ZERO_UINT32: &str = "euromap67_input_bits euromap67_output_bits";
 const ZERO_INT32: &str = "tool_output_voltage encoder0_raw encoder1_raw time_scale_source";
 const ZERO_UINT8: &str = "tool_output_mode tool_digital_output0_mode tool_digital_output1_mode";
 
@@ -149,7 +186,6 @@ pub(super) fn output(name: &[u8], inputs: &InputValues) -> Option<(FieldType, So
     let zeros = [
         (ZERO_DOUBLES, FieldType::Double),
         (ZERO_VECTORS_6, FieldType::Vector6d),
-        (ZERO_VECTORS_3, FieldType::Vector3d),
         (ZERO_UINT32, FieldType::Uint32),
         (ZERO_INT32, FieldType::Int32),
         (ZERO_UINT8, FieldType::Uint8),
@@ -165,10 +201,10 @@ fn numbered(name: &str, prefix: &str, from: usize, to: usize) -> Option<usize> {
 }
 
 impl Snapshot<'_> {
-    /// Where the elbow is (m, base frame): computed for those who ask only.
-    pub(super) fn elbow(&self) -> [f64; 3] {
-        let [_, elbow, ..] = self.arm.frames(&JointPos(self.target_q));
-        elbow.translation.into()
+    /// Of the payload, as if it sat at the tool centre point: the only mass there is (kg·m/s).
+    pub(super) fn momentum(&self) -> f64 {
+        let [x, y, z, ..] = self.tcp_speed;
+        self.body.payload.mass * x.hypot(y).hypot(z)
     }
 
     /// Appends one output's bytes.
@@ -183,10 +219,23 @@ impl Snapshot<'_> {
             Source::TcpSpeed => doubles(&self.tcp_speed),
             Source::TcpOffset => doubles(&self.tcp_offset),
             Source::SpeedScaling => doubles(&[self.speed_scaling]),
-            Source::Payload => doubles(&[self.payload]),
-            Source::PayloadCog => doubles(&self.payload_cog),
-            Source::PayloadInertia => doubles(&self.payload_inertia),
-            Source::Elbow => doubles(&self.elbow()),
+            Source::Payload => doubles(&[self.body.payload.mass]),
+            Source::PayloadCog => doubles(&self.body.payload.centre),
+            Source::PayloadInertia => doubles(&self.body.payload.inertia),
+            Source::Momentum => doubles(&[self.momentum()]),
+            Source::TcpAcceleration => doubles(&self.body.tool_acceleration()),
+            Source::Accelerometer => doubles(&self.body.accelerometer()),
+            Source::Gravity => doubles(&self.body.gravity),
+            Source::Elbow => doubles(&self.body.elbow().0),
+            Source::ElbowSpeed => doubles(&self.body.elbow().1),
+            Source::AnalogInput(place) => doubles(&[self.cell.analog.get(place).copied().unwrap_or(0.0)]),
+            Source::Constant(value) => (0..kind.size() / 8).for_each(|_| doubles(&[value])),
+            Source::Bits(bits) => out.extend(bits.to_be_bytes()),
+            Source::ScriptLine => out.extend(self.script_line.to_be_bytes()),
+            Source::ToolMode => out.extend(self.joint_mode.to_be_bytes()),
+            Source::DigitalInputs => out.extend(self.cell.digital.to_be_bytes()),
+            Source::ConfigurableInputs => out.extend((self.cell.digital >> 8 & 0xff).to_be_bytes()),
+            Source::ConfigurableOutputs => out.extend((self.digital_outputs >> 8 & 0xff).to_be_bytes()),
             Source::SpeedFraction => doubles(&[self.target_speed_fraction]),
             Source::ControlStep => out.extend(self.cycle.to_be_bytes()),
             Source::DigitalOutputs => out.extend(self.digital_outputs.to_be_bytes()),

@@ -23,14 +23,14 @@ impl Controller {
             self.runtime = RuntimeState::Playing;
             return Ok(());
         }
-        let text = if self.loaded == 0 { self.options.program.as_str() } else { WAIT_PROGRAM };
-        match script::parse(text) {
+        let text = if self.loaded == 0 { self.options.program.clone() } else { WAIT_PROGRAM.to_owned() };
+        match script::parse(&text) {
             Ok(script) => {
                 self.begin_program(Machine::new(script));
                 Ok(())
             }
             Err(error) => {
-                self.stop_program(&error);
+                self.stop_program(&error, &text);
                 Err(Refusal::State)
             }
         }
@@ -141,7 +141,7 @@ impl Controller {
     pub fn act(&mut self, act: &Act) -> Result<(), Refusal> {
         let cycle = self.record.cycle;
         match act {
-            Act::ProtectiveStop => self.stop_for("protective stop: on demand"),
+            Act::ProtectiveStop => self.stop_for(0, "protective stop: on demand"),
             Act::SafetyFault => {
                 self.end_program();
                 self.robot.fail();
