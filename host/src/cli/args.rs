@@ -6,6 +6,8 @@ mod wcet;
 use crate::config::Cell;
 use crate::failure::{Exit, Failure};
 use crate::sim::line::LineFault;
+use crate::sim::ur::act::Fault;
+use crate::sim::ur::inputs::Fieldbus;
 use crate::sim::ur::robot::Generation;
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -360,6 +362,17 @@ pub struct SimUrArgs {
     /// End when nobody has been connected for so long
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub exit_when_idle: Option<Duration>,
+    /// Registers that a fieldbus writes, so that clients find them in use: off, lower (0 to 23, bits 0 to 63) or all inputs
+    #[arg(long, value_name = "WHAT", default_value = "off")]
+    pub fieldbus: Fieldbus,
+    /// What goes wrong when, for example silence=0.5@10: half a second without a package after ten seconds. Kinds: see --control
+    #[arg(long, value_name = "KIND@SECONDS")]
+    pub fault: Vec<Fault>,
+    /// Take what a person or bad luck does as lines on the standard input: protective-stop, emergency-stop, safeguard-stop off,
+    /// reduced, play, pause, stop, popup TEXT, reset, silence S, half S, corrupt KIND, skip N, restart S, fieldbus WHAT,
+    /// digital-input N on, analog-input N VOLTS and others; an unknown one is answered by a list of all
+    #[arg(long)]
+    pub control: bool,
     /// Say where it listens, and what it did, as JSON
     #[arg(long)]
     pub json: bool,

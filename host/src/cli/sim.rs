@@ -40,6 +40,9 @@ pub fn ur(args: &SimUrArgs) -> Result<(), Failure> {
         record: args.record.clone(),
         exit_when_idle: args.exit_when_idle,
         json: args.json,
+        fieldbus: args.fieldbus,
+        faults: args.fault.clone(),
+        control: args.control,
         stop: signal::stop_requested,
     })?;
     Ok(())

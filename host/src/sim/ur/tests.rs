@@ -1,5 +1,6 @@
 //! Client and controller on one wire, in virtual time; and the controller alone against bytes of other clients.
 
+use super::robot::Refusal;
 use super::*;
 use crate::link::rtde::program::{Program, ProgramState, WatchdogAction};
 use crate::link::rtde::{Event, LinkError, Phase, RobotState, RtdeClient};
@@ -276,7 +277,7 @@ fn the_record_holds_what_was_received() {
     let program = program(125, 24, 0.03);
     let mut bench = Bench::new(&program, options(&program));
     let state = bench.start();
-    assert_eq!(state.timestamp, timestamp(bench.controller.last_cycle().cycle, 500));
+    assert_eq!(state.timestamp, timestamp(41, bench.controller.last_cycle().cycle, 500));
     bench.client.send_setpoint(7, &shifted(0.001)).expect("running");
     bench.client.send_setpoint(8, &shifted(0.002)).expect("running");
     bench.cycle().expect("linked");
@@ -366,7 +367,7 @@ fn bytes_of_a_foreign_client_get_the_bytes_it_expects() {
     controller.step();
     assert_eq!(controller.last_cycle().seq, 1);
     assert_eq!(answer(&mut controller, client, &hex("000353")), hex("00045301"));
-    for _ in 0..4 {
+    for _ in 0..8 {
         controller.step();
     }
     let data = answer(&mut controller, client, b"");
@@ -400,12 +401,12 @@ fn protocol_1_has_no_rate_and_no_recipe_ids() {
     expected.extend(b"DOUBLE");
     assert_eq!(answer(&mut controller, client, &setup), expected);
     answer(&mut controller, client, &hex("000353"));
-    for _ in 0..4 {
+    for _ in 0..8 {
         controller.step();
     }
     let data = answer(&mut controller, client, b"");
     assert_eq!(data[..3], [0, 11, b'U']);
-    assert_eq!(data[3..], timestamp(4, 500).to_be_bytes());
+    assert_eq!(data[3..], timestamp(41, 8, 500).to_be_bytes());
 }
 
 #[test]
