@@ -9,6 +9,7 @@
 //! that is possible passes. After any error the client stays failed: a stream that lost its package borders is never read on.
 
 pub mod error;
+pub mod look;
 pub mod program;
 pub mod recipe;
 #[cfg(test)]
