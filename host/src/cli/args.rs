@@ -1,6 +1,7 @@
 //! The arguments of every command, as clap reads them. What needs the cell to be judged has a `checked` of its own.
 
 mod realtime;
+mod robot;
 mod wcet;
 
 use crate::config::Cell;
@@ -14,6 +15,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 pub use realtime::{DoctorArgs, LatencyArgs, Yardstick};
+pub use robot::{
+    ActArgs, ControllerCalibrationArgs, ControllerOf, PlayArgs, ProgramArgs, RobotCheckArgs, RobotCommand,
+    RobotListArgs, RobotOf, RobotShowArgs, StatusArgs,
+};
 pub use wcet::WcetArgs;
 
 /// `screed demo`
@@ -148,6 +153,12 @@ pub struct PrintArgs {
     /// The robot of the cell file is real and may move
     #[arg(long)]
     pub real_robot: bool,
+    /// The serial number of the real robot that may move; without it, it is asked for
+    #[arg(long, value_name = "NUMBER", requires = "real_robot")]
+    pub serial: Option<String>,
+    /// Send Screed's program to the controller and start it, where none plays; asks first
+    #[arg(long, conflicts_with_all = ["fast", "board"])]
+    pub upload: bool,
     /// Simulate it: robot, extruder and time, in one thread
     #[arg(long, conflicts_with_all = ["real_robot", "attach"])]
     pub fast: bool,
@@ -245,73 +256,6 @@ pub struct LogArgs {
     /// Print it as a table with a row a cycle, or write that to OUT
     #[arg(long, value_name = "OUT", num_args = 0..=1)]
     pub csv: Option<Option<PathBuf>>,
-}
-
-/// `screed robot`
-#[derive(Clone, Debug, PartialEq, clap::Subcommand)]
-pub enum RobotCommand {
-    /// The robots of the catalogue
-    List(RobotListArgs),
-    /// Print a robot: table, ranges, ratings
-    Show(RobotShowArgs),
-    /// Prove a robot: round trips, Jacobian, reach
-    Check(RobotCheckArgs),
-}
-
-/// `screed robot list`
-#[derive(Clone, Debug, PartialEq, clap::Args)]
-pub struct RobotListArgs {
-    /// As JSON, with the whole tables
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Which robot.
-#[derive(Clone, Debug, PartialEq, clap::Args)]
-pub struct RobotOf {
-    /// A name of the catalogue, an arm file (.toml) or a URDF (.urdf, .xml)
-    #[arg(value_name = "ROBOT")]
-    pub robot: String,
-    /// The calibration of a UR unit: the controller's .conf or ur_calibration's .yaml
-    #[arg(long, value_name = "FILE")]
-    pub calibration: Option<PathBuf>,
-    /// The base link of a URDF; without it, the root
-    #[arg(long, value_name = "LINK")]
-    pub base: Option<String>,
-    /// The tip link of a URDF, the flange; without it, the only end that the most joints move
-    #[arg(long, value_name = "LINK")]
-    pub tip: Option<String>,
-}
-
-/// `screed robot show`
-#[derive(Clone, Debug, PartialEq, clap::Args)]
-pub struct RobotShowArgs {
-    /// Which robot
-    #[command(flatten)]
-    pub robot: RobotOf,
-    /// As JSON, in SI units
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// `screed robot check`
-#[derive(Clone, Debug, PartialEq, clap::Args)]
-pub struct RobotCheckArgs {
-    /// Which robot
-    #[command(flatten)]
-    pub robot: RobotOf,
-    /// How many joint vectors to draw
-    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = samples)]
-    pub count: usize,
-    /// The seed they follow from
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seed: u64,
-    /// Draw where the flange can be
-    #[arg(long, value_name = "FILE.svg")]
-    pub plot: Option<PathBuf>,
-    /// As JSON, in SI units
-    #[arg(long)]
-    pub json: bool,
 }
 
 /// `screed sim`

@@ -10,6 +10,7 @@
 
 pub mod error;
 pub mod fields;
+pub mod look;
 pub mod program;
 pub mod recipe;
 #[cfg(test)]
