@@ -287,7 +287,7 @@ impl Controller {
         let id = ClientId(self.clients);
         let mut session = Session::new(id);
         session.silent_until = self.silent_until;
-        session.begin(self.record.cycle);
+        session.begin(self.record.cycle, self.exchange.rate);
         self.sessions.insert(id, session);
         id
     }

@@ -42,7 +42,8 @@ impl Controller {
             actual_q: self.body.servo.q,
             runtime_state: self.runtime,
         };
-        self.sessions.values_mut().for_each(|session| session.begin(cycle));
+        let rate = self.exchange.rate;
+        self.sessions.values_mut().for_each(|session| session.begin(cycle, rate));
         // Taken out, so that the rest can be looked at meanwhile.
         let mut sessions = std::mem::take(&mut self.sessions);
         if cycle >= self.skip_until && sessions.values().any(Session::is_started) {

@@ -316,16 +316,17 @@ impl Server {
                     }
                 }
                 Act::Restart(seconds) => {
+                    // First nobody listens, so that nobody whose connection ends is let in again.
+                    let places = self.listeners.drain(..).map(|(service, _, address)| (service, address)).collect();
                     for connection in self.connections.drain(..) {
                         connection.close(&mut self.controller);
                     }
-                    let places = self.listeners.drain(..).map(|(service, _, address)| (service, address)).collect();
                     let periods = (seconds / self.period.as_secs_f64()).round() as u64;
                     self.restart = Some((self.ticks + periods, places));
                 }
                 _ => {}
             }
-            self.orders.report(self.controller.last_cycle().cycle, &act, done)?;
+            self.orders.report(self.ticks, &act, done)?;
         }
         Ok(())
     }
@@ -346,6 +347,7 @@ impl Server {
             // An error here concerns a client that has gone again, or no client at all.
             while let Ok((stream, _)) = listener.accept() {
                 let ready = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true));
+                connection::shrink(&stream);
                 if ready.is_ok() && self.connections.len() < CLIENTS_MAX {
                     let peer = match service {
                         Service::Rtde => Peer::Rtde(self.controller.connect()),

@@ -16,8 +16,10 @@ use crate::link::rtde::wire::{
 };
 use crate::sim::line::{self, Spoil};
 
-/// Unsent bytes at which a client that does not read is cut off; real controllers keep about ten seconds.
-const BACKLOG_MAX: usize = 256 * 1024;
+/// How long a client may not read (s): real controllers keep about ten seconds.
+const BACKLOG: f64 = 10.0;
+/// Unsent bytes at which it is cut off sooner.
+const BACKLOG_MAX: usize = 4 * 1024 * 1024;
 /// The rate of protocol 1 (Hz).
 const PROTOCOL_1_RATE: f64 = 125.0;
 /// How long no data comes after the answer to a start (s).
@@ -112,8 +114,9 @@ pub(super) struct Session {
     quiet: u32,
     /// To be told once data flows.
     greeting: Option<String>,
-    /// The last cycle that has begun.
+    /// The last cycle that has begun, and the last one that left nothing unsent.
     cycle: u64,
+    drained: u64,
     /// Nothing is sent before this cycle.
     pub silent_until: u64,
     pub mishap: Option<Mishap>,
@@ -134,6 +137,7 @@ impl Session {
             quiet: 0,
             greeting: None,
             cycle: 0,
+            drained: 0,
             silent_until: 0,
             mishap: None,
             open: true,
@@ -302,9 +306,14 @@ impl Session {
         exchange.packages = exchange.packages.saturating_add(1);
     }
 
-    /// A control cycle begins.
-    pub(super) const fn begin(&mut self, cycle: u64) {
+    /// A control cycle begins; a client that has not read for too long is given up.
+    pub(super) fn begin(&mut self, cycle: u64, rate: u32) {
         self.cycle = cycle;
+        if self.outbox.is_empty() {
+            self.drained = cycle;
+        } else if (cycle - self.drained) as f64 > BACKLOG * f64::from(rate) {
+            self.open = false;
+        }
     }
 
     /// Sends the recipe's outputs when this cycle is due.

@@ -127,16 +127,21 @@ impl Connection {
     pub(super) fn reset(self, controller: &mut Controller) {
         self.end(controller);
         let linger = libc::linger { l_onoff: 1, l_linger: 0 };
-        let size = size_of::<libc::linger>() as libc::socklen_t;
-        // SAFETY: the descriptor is open as long as the stream lives, and the option's value is a `linger` of this size.
-        unsafe {
-            libc::setsockopt(
-                self.stream.as_raw_fd(),
-                libc::SOL_SOCKET,
-                libc::SO_LINGER,
-                (&raw const linger).cast(),
-                size,
-            )
-        };
+        set(&self.stream, libc::SO_LINGER, &linger);
     }
+}
+
+/// What the system keeps for a client that does not read (bytes): little, so that the controller notices.
+const SEND_BUFFER: libc::c_int = 64 * 1024;
+
+/// Bounds what the system keeps for a client that does not read.
+pub(super) fn shrink(stream: &TcpStream) {
+    set(stream, libc::SO_SNDBUF, &SEND_BUFFER);
+}
+
+/// Sets an option of a socket. A system that refuses it leaves it as it is.
+fn set<T>(stream: &TcpStream, option: libc::c_int, value: &T) {
+    let size = size_of::<T>() as libc::socklen_t;
+    // SAFETY: the descriptor is open as long as the stream lives, and the value's type is the option's, of this size.
+    unsafe { libc::setsockopt(stream.as_raw_fd(), libc::SOL_SOCKET, option, (&raw const *value).cast(), size) };
 }

@@ -54,7 +54,7 @@ impl Orders {
         Ok(None)
     }
 
-    /// Says what was done, and when.
+    /// Says what was done, and when, in control cycles since the server's start.
     pub(super) fn report(&self, cycle: u64, act: &Act, done: bool) -> Result<(), SimError> {
         let outcome = if done { "done" } else { "refused in this state" };
         if self.json {

@@ -100,3 +100,119 @@ fn a_port_in_use_and_an_open_address_are_refused() {
     broken.controller.program.push_str("hello()\n");
     assert!(matches!(Server::bind(&broken), Err(SimError::Program { .. })));
 }
+
+/// A client that knows a recipe's setup and the stamp at a data package's start, and nothing else.
+struct Raw {
+    stream: TcpStream,
+    buffer: Vec<u8>,
+}
+
+impl Raw {
+    fn connect(address: SocketAddr, names: &str) -> std::io::Result<Self> {
+        let mut stream = TcpStream::connect(address)?;
+        let package = |kind: u8, payload: &[u8]| {
+            let mut bytes = ((payload.len() + 3) as u16).to_be_bytes().to_vec();
+            bytes.push(kind);
+            bytes.extend(payload);
+            bytes
+        };
+        let mut setup = 500_f64.to_be_bytes().to_vec();
+        setup.extend(names.bytes());
+        for bytes in [package(b'V', &[0, 2]), package(b'O', &setup), package(b'S', &[])] {
+            stream.write_all(&bytes)?;
+        }
+        Ok(Self { stream, buffer: Vec::new() })
+    }
+
+    /// The stamp of the next data package.
+    fn stamp(&mut self) -> std::io::Result<f64> {
+        loop {
+            while let [high, low, kind, ..] = *self.buffer {
+                let size = usize::from(u16::from_be_bytes([high, low]));
+                if self.buffer.len() < size {
+                    break;
+                }
+                let package: Vec<u8> = self.buffer.drain(..size).collect();
+                if kind == b'U' {
+                    return Ok(f64::from_be_bytes(package[4..12].try_into().expect("a stamp")));
+                }
+            }
+            let mut bytes = [0; 4096];
+            match self.stream.read(&mut bytes)? {
+                0 => return Err(std::io::ErrorKind::UnexpectedEof.into()),
+                count => self.buffer.extend(&bytes[..count]),
+            }
+        }
+    }
+}
+
+/// Runs the server with these faults until the client is through.
+fn with_server<T: Send + 'static>(faults: &[&str], client: impl FnOnce(SocketAddr) -> T + Send + 'static) -> T {
+    let faults = faults.iter().map(|text| text.parse().expect("a fault")).collect();
+    let mut server =
+        Server::bind(&ServeOptions { faults, exit_when_idle: None, ..options(None) }).expect("a free port");
+    let address = server.address();
+    let client = std::thread::spawn(move || client(address));
+    server.run(|| client.is_finished()).expect("no record");
+    client.join().expect("the client")
+}
+
+#[test]
+fn silence_reset_and_restart_come_at_their_times_over_a_socket() {
+    with_server(&["restart=0.4@2", "reset@1.2", "silence=0.3@0.5"], |address| {
+        let mut raw = Raw::connect(address, "timestamp").expect("a server");
+        let (mut stamps, ended) = (Vec::new(), loop_until_error(&mut raw));
+        stamps.extend(ended.0);
+        let gaps: Vec<f64> = stamps.windows(2).map(|pair| pair[1] - pair[0]).filter(|gap| *gap > 0.0021).collect();
+        assert!(gaps.len() == 1 && (gaps[0] - 0.302).abs() < 1e-9, "{gaps:?}");
+        assert_eq!(ended.1, std::io::ErrorKind::ConnectionReset);
+
+        let mut raw = Raw::connect(address, "timestamp").expect("a server");
+        let (seen, ended) = loop_until_error(&mut raw);
+        assert!(!seen.is_empty() && seen[0] > 41.0);
+        assert_eq!(ended, std::io::ErrorKind::UnexpectedEof);
+        // Nobody listens for a while.
+        let refused = Raw::connect(address, "timestamp").err().map(|error| error.kind());
+        assert_eq!(refused, Some(std::io::ErrorKind::ConnectionRefused));
+        let mut raw = loop {
+            match Raw::connect(address, "timestamp") {
+                Ok(raw) => break raw,
+                Err(_) => std::thread::sleep(Duration::from_millis(5)),
+            }
+        };
+        assert!(raw.stamp().expect("a package") < 1.0, "time begins anew");
+    });
+}
+
+/// The stamps until the connection ends, and how.
+fn loop_until_error(raw: &mut Raw) -> (Vec<f64>, std::io::ErrorKind) {
+    let mut stamps = Vec::new();
+    loop {
+        match raw.stamp() {
+            Ok(stamp) => stamps.push(stamp),
+            Err(error) => return (stamps, error.kind()),
+        }
+    }
+}
+
+/// In real time, for it is the system's own buffers that fill first.
+#[test]
+fn a_client_that_does_not_read_is_cut_and_nobody_else_misses_a_package() {
+    with_server(&[], |address| {
+        let vectors = ["actual_q", "target_q", "actual_qd", "actual_TCP_pose", "actual_TCP_speed"].repeat(5).join(",");
+        let mut deaf = Raw::connect(address, &format!("timestamp,{vectors}")).expect("a server");
+        let mut good = Raw::connect(address, "timestamp,actual_q").expect("a server");
+        let mut before = good.stamp().expect("a package");
+        // 14 s: ten that the controller waits, and what the system buffers.
+        for _ in 0..7000 {
+            let stamp = good.stamp().expect("a package");
+            assert!((stamp - before - 0.002).abs() < 1e-9, "{before} and {stamp}");
+            before = stamp;
+        }
+        let (stamps, _) = loop_until_error(&mut deaf);
+        // What the system had buffered; it was cut long before the good one stopped reading.
+        let newest = stamps.last().expect("what was buffered");
+        assert!(before - newest > 9.0, "{newest} and {before}");
+        good.stamp().expect("still there");
+    });
+}
