@@ -188,6 +188,8 @@ pub struct Controller {
     /// The name of the program that runs or is held.
     running: Option<String>,
     mailbox: Mailbox,
+    /// The safety mode that was told last.
+    safety_told: i32,
     secondary: Vec<Machine>,
     runtime: RuntimeState,
     fault: Option<String>,
@@ -244,6 +246,7 @@ impl Controller {
             machine: None,
             running: None,
             mailbox: Mailbox::default(),
+            safety_told: 1,
             secondary: Vec::new(),
             runtime: RuntimeState::Stopped,
             fault: None,

@@ -26,6 +26,11 @@ impl Controller {
         self.check_watchdogs(cycle);
         self.run_programs(cycle);
         self.move_joints();
+        let mode = self.robot.safety_mode();
+        if mode != self.safety_told {
+            self.safety_told = mode;
+            self.tell(&Message::Safety { mode });
+        }
         let first = usize::from(self.options.register_offset);
         let mut registers = [0.0; 6];
         for (register, value) in (first..).zip(&mut registers) {

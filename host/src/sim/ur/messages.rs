@@ -25,6 +25,8 @@ pub(super) enum Message {
     Text(String),
     /// A protective stop.
     Stop { code: i32, why: String },
+    /// Another safety mode.
+    Safety { mode: i32 },
     /// A program cannot be loaded, or not go on.
     Script { line: i32, column: i32, text: String },
 }
@@ -61,6 +63,13 @@ impl Message {
                     content.extend(number.to_be_bytes());
                 }
                 content.extend(why.bytes());
+            }
+            Self::Safety { mode } => {
+                content.extend(head(ROBOT, 5));
+                // Code and argument; the mode; the type of the data, none, and the data.
+                content.extend([0; 8]);
+                content.push(*mode as u8);
+                content.extend([0; 8]);
             }
             Self::Program { name, started } => {
                 content.extend(head(INTERPRETER, 7));

@@ -264,6 +264,8 @@ impl Server {
             self.ticks += 1;
             self.obey()?;
             if self.is_down()? {
+                // Nobody can be.
+                last_connected = Instant::now();
                 continue;
             }
             self.controller.stand_still(stalled.as_secs_f64());

@@ -315,6 +315,9 @@ fn port_30001_obeys_commands_and_tells_of_programs() {
     upload(wire, "movel(p[0,0,0,0,0,0])\n");
     let told = messages(wire, &mut stream, 3000);
     let stop = told.iter().find(|(kind, _)| *kind == 6).expect("an error code");
+    // The safety mode, told when it changes: protective stop.
+    let (_, mode) = told.iter().find(|(kind, _)| *kind == 5).expect("a safety mode");
+    assert_eq!((mode.len(), mode[8]), (17, 3));
     // Level: a violation.
     assert_eq!(int(&stop.1, 8), 3);
     upload(wire, "set unlock protective stop\n");
