@@ -1,7 +1,6 @@
 //! The TCP line to the robot against peers that read and write as no robot should: byte by byte, late, or not at all.
 
 use screed::config::Cell;
-use screed::link::rtde::recipe::OUTPUT_PACKAGE_SIZE;
 use screed::run::core::{Core, Slot};
 use screed::run::demo::program;
 use screed::run::line::{Heard, RobotLine};
@@ -31,6 +30,9 @@ fn process(cell: &Cell) -> (Core, Extruder) {
     assert_eq!(core.on_host(&bytes[..used]), used);
     (core, Extruder::new(cell.extruder.flow_max, TIME_CONSTANT).unwrap())
 }
+
+/// Bytes of a telegram of the robot (docs/rtde.md).
+const TELEGRAM: f64 = 224.0;
 
 /// `cycles` of the robot have gone by, or a part of one.
 fn exchange_extruder(core: &mut Core, extruder: &mut Extruder, now: Nanos, cycles: f64) {
@@ -115,7 +117,7 @@ fn a_peer_that_reads_and_writes_one_byte_at_a_time_gets_whole_packages_each_once
                 core.answer(now(), slot).unwrap();
                 core.finish_cycle(now(), now());
                 // By the wire's time, not by how many pieces it came in.
-                exchange_extruder(&mut core, &mut extruder, now(), count as f64 / f64::from(OUTPUT_PACKAGE_SIZE));
+                exchange_extruder(&mut core, &mut extruder, now(), count as f64 / TELEGRAM);
                 heard_in_all.fetch_add(count, Ordering::Relaxed);
             } else {
                 thread::yield_now();

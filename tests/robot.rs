@@ -7,6 +7,7 @@ use common::scene::{Scene, announced, finished, signal};
 use screed::config::Cell;
 use screed::failure::{Exit, Failure};
 use screed::link::dashboard::{ProgramState, RobotMode, Safety};
+use screed::link::rtde::wire::Protocol;
 use screed::run::controller::acts::{Act, act};
 use screed::run::controller::check::{self, Verdict};
 use screed::run::controller::{DashboardLine, Place, program, view};
@@ -39,6 +40,7 @@ fn serve(cell: &Cell, change: impl FnOnce(&mut Options)) -> Place {
         allow_remote: false,
         record: None,
         exit_when_idle: Some(Duration::from_secs(20)),
+        rtde_protocol: Protocol::Two,
         fieldbus: Fieldbus::Off,
         faults: Vec::new(),
         control: false,

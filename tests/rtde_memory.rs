@@ -1,6 +1,8 @@
 //! The RTDE client lives in the real-time process: after it is made it must not allocate.
 
+use screed::link::rtde::file;
 use screed::link::rtde::program::{Program, WatchdogAction};
+use screed::link::rtde::wire::Protocol;
 use screed::link::rtde::{Event, RtdeClient};
 use screed::sim::ur::robot::Generation;
 use screed::sim::ur::{Controller, Options};
@@ -42,12 +44,23 @@ fn counted<T>(total: &mut u64, work: impl FnOnce() -> T) -> T {
     result
 }
 
+const RECIPES: &str = r#"<rtde_config>
+  <recipe key="state"><field name="target_qd" type="VECTOR6D"/><field name="joint_mode" type="VECTOR6INT32"/></recipe>
+  <recipe key="watchdog"><field name="input_int_register_24" type="INT32"/></recipe>
+</rtde_config>"#;
+
 #[test]
 fn negotiation_operation_and_failure_allocate_nothing() {
+    for protocol in [Protocol::Two, Protocol::One] {
+        run(protocol, if protocol == Protocol::Two { 500 } else { 125 });
+    }
+}
+
+fn run(protocol: Protocol, rate_hz: u32) {
     let start_q = JointPos([0.3, -1.2, 1.9, -2.2, -1.5, 0.1]);
     let watchdog_action = WatchdogAction::Stop;
     let (lookahead, gain, watchdog) = (0.1, 300.0, 0.1);
-    let program = Program { rate_hz: 500, register_offset: 24, lookahead, gain, watchdog, watchdog_action };
+    let program = Program { rate_hz, register_offset: 24, lookahead, gain, watchdog, watchdog_action };
     let options = Options {
         start_q,
         flange_from_tcp: Pose::identity(),
@@ -58,8 +71,10 @@ fn negotiation_operation_and_failure_allocate_nothing() {
         powered: true,
     };
     let mut controller = Controller::new(&UR10E, options).expect("legal");
+    controller.limit_protocol(protocol);
     let connection = controller.connect();
-    let mut client = RtdeClient::new(&UR10E, 500, 24, 100_000_000).expect("legal");
+    let file = file::parse("recipes.xml", RECIPES).expect("sound");
+    let mut client = RtdeClient::beside(Some(&file), &UR10E, rate_hz, 24, 100_000_000).expect("legal");
     let mut allocations = 0;
     let mut control = 0;
     counted(&mut control, || drop(std::hint::black_box(Box::new(1_u64))));
@@ -85,7 +100,8 @@ fn negotiation_operation_and_failure_allocate_nothing() {
             }
         });
     }
-    assert!(states > 900, "{states} states");
+    assert!(states > 900 * rate_hz / 500, "{states} states");
+    assert_eq!(client.extra().count(), 2);
     counted(&mut allocations, || client.handle_bytes(now, b"\x00\x03Z").expect_err("an unknown package"));
     assert_eq!(allocations, 0);
 }

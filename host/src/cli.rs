@@ -12,6 +12,7 @@ mod log;
 mod plan;
 mod print;
 mod robot;
+mod rtde;
 mod sim;
 mod soak;
 mod tape;
@@ -23,7 +24,7 @@ use crate::run::children::VERSION;
 use crate::run::rt::{self, RtArgs};
 use args::{
     BenchCommand, CalibrateCommand, CheckArgs, DemoArgs, DoctorArgs, LatencyArgs, LogArgs, PlanArgs, PrintArgs,
-    RobotCommand, SimCommand, WcetArgs,
+    RobotCommand, RtdeCommand, SimCommand, WcetArgs,
 };
 use clap::{Parser, Subcommand};
 use std::io::{ErrorKind, Write};
@@ -68,6 +69,9 @@ enum Command {
     /// Name robots, show one, or prove a description of one
     #[command(subcommand)]
     Robot(RobotCommand),
+    /// Listen to a controller over RTDE; nothing is written to it
+    #[command(subcommand)]
+    Rtde(RtdeCommand),
     /// Run a simulated machine
     #[command(subcommand)]
     Sim(SimCommand),
@@ -105,6 +109,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Calibrate(command) => calibrate::run(command),
         Command::Log(args) => log::run(args),
         Command::Robot(command) => robot::run(command),
+        Command::Rtde(RtdeCommand::Record(args)) => rtde::record(args),
         Command::Bench(command) => bench::run(command),
         Command::Sim(SimCommand::Ur(args)) => sim::ur(args),
         Command::Sim(SimCommand::Extruder(args)) => sim::extruder(args),

@@ -14,6 +14,7 @@ mod tests;
 
 pub use error::{ConfigError, Fault, Finding};
 
+use crate::link::rtde::file::RecipeFile;
 use crate::robot::calibration::{self, Calibrated};
 use read::Document;
 use screed_kernel::arm::Arm;
@@ -162,6 +163,8 @@ pub struct Link {
     pub rate_hz: u32,
     /// First input register that Screed uses: 0 or 24.
     pub register_offset: u8,
+    /// Recipes of a file: its outputs are asked for beside Screed's own.
+    pub recipes: Option<RecipeFile>,
     /// Silence of the robot after which the job stops (s).
     pub timeout: f64,
     /// Silence of Screed after which the robot's program stops (s).

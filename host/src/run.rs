@@ -24,6 +24,7 @@ pub mod print;
 pub mod realtime;
 pub mod resend;
 pub mod rt;
+pub mod rtde_record;
 pub mod sensor_wire;
 pub mod serial;
 pub mod session;

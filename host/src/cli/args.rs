@@ -2,6 +2,7 @@
 
 mod realtime;
 mod robot;
+mod rtde;
 mod sim;
 mod wcet;
 
@@ -16,6 +17,7 @@ pub use robot::{
     ActArgs, ControllerCalibrationArgs, ControllerOf, PlayArgs, ProgramArgs, RobotCheckArgs, RobotCommand,
     RobotListArgs, RobotOf, RobotShowArgs, StatusArgs,
 };
+pub use rtde::{RtdeCommand, RtdeRecordArgs};
 pub use sim::{SimUrArgs, StartDeg};
 pub use wcet::WcetArgs;
 

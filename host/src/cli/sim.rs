@@ -38,6 +38,7 @@ pub fn ur(args: &SimUrArgs) -> Result<(), Failure> {
         port: args.port,
         allow_remote: args.allow_remote,
         record: args.record.clone(),
+        rtde_protocol: args.rtde_protocol,
         exit_when_idle: args.exit_when_idle,
         json: args.json,
         fieldbus: args.fieldbus,

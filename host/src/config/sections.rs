@@ -5,6 +5,7 @@ use super::control;
 use super::keys;
 use super::read::{Document, Section};
 use super::{Bound, Cell, Extruder, Limits, Link, LinkKind, Pacing, Part, Realtime, Robot, Tool, Travel};
+use crate::link::rtde::file::{self, RecipeFile};
 use crate::robot::calibration::{self, Calibrated};
 use nalgebra::Vector3;
 use screed_kernel::arm::{Arm, Rating};
@@ -224,13 +225,15 @@ fn travel(document: &mut Document<'_>) -> Option<Travel> {
 }
 
 fn link(document: &mut Document<'_>, simulated: Option<bool>) -> Option<Link> {
+    let folder = document.folder();
     let mut section = document.section("link");
     let kind = kind(&mut section);
     let address = section.text("address");
     let address = address.and_then(|address| host(&mut section, address, simulated));
     let port = section.integer_or("port", 1..=65_535, 30_004);
     let rate = section.either("rate_hz", RATES_HZ);
-    let register_offset = section.either_or("register_offset", REGISTER_OFFSETS, 0);
+    let recipes = recipes(&mut section, folder);
+    let register_offset = register_offset(&mut section, recipes.as_ref().and_then(Option::as_ref));
     let timeout = section.number_or(&keys::TIMEOUT, 0.1);
     let watchdog = section.number_or(&keys::WATCHDOG, 0.1);
     let lookahead = section.number_or(&keys::LOOKAHEAD, 0.1);
@@ -246,7 +249,8 @@ fn link(document: &mut Document<'_>, simulated: Option<bool>) -> Option<Link> {
         address: address?,
         port: u16::try_from(port?).ok()?,
         rate_hz: u32::try_from(rate?).ok()?,
-        register_offset: u8::try_from(register_offset?).ok()?,
+        register_offset: register_offset?,
+        recipes: recipes?,
         timeout: timeout?,
         watchdog: watchdog?,
         servoj_lookahead: lookahead?,
@@ -258,6 +262,35 @@ fn kind(section: &mut Section<'_, '_>) -> Option<LinkKind> {
     match section.text("kind")? {
         "rtde" => Some(LinkKind::Rtde),
         other => section.impossible("kind", "\"rtde\"", &format!("{other:?}")),
+    }
+}
+
+/// Without the key, Screed's own recipes alone.
+fn recipes(section: &mut Section<'_, '_>, folder: &Path) -> Option<Option<RecipeFile>> {
+    let Some(name) = section.text_if_given("recipes")? else { return Some(None) };
+    match file::load(&folder.join(name)) {
+        Ok(recipes) => Some(Some(recipes)),
+        Err(error) => section.impossible("recipes", "a file of RTDE recipes", &error.to_string()),
+    }
+}
+
+/// Where a recipe file says which registers are written, those.
+fn register_offset(section: &mut Section<'_, '_>, recipes: Option<&RecipeFile>) -> Option<u8> {
+    let possible = recipes.and_then(RecipeFile::register_offsets);
+    let usual = possible.as_ref().and_then(|offsets| offsets.first()).copied().unwrap_or(0);
+    let offset = section.either_or("register_offset", REGISTER_OFFSETS, usual.into());
+    let offset = u8::try_from(offset?).ok()?;
+    match (possible.as_deref(), recipes) {
+        (Some([]), Some(file)) => {
+            let expected =
+                "input_double_register_N to _N+5 and input_int_register_N in its recipes of inputs, N 0 or 24";
+            section.impossible("recipes", expected, &format!("other registers in {}", file.name))
+        }
+        (Some(offsets), Some(file)) if !offsets.contains(&offset) => {
+            let expected = format!("{usual}, as the recipes of {} have it (or leave the key out)", file.name);
+            section.impossible("register_offset", &expected, &offset.to_string())
+        }
+        _ => Some(offset),
     }
 }
 

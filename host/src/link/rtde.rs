@@ -3,15 +3,19 @@
 //!
 //! The robot paces: it sends one data package per period, the answer is a setpoint in its input registers, where a small
 //! program on the controller ([`program`]) reads it. Negotiation goes one request at a time, because servers exist that
-//! parse one package per read: protocol version, controller version, outputs, inputs, start.
+//! parse one package per read: protocol version (2, or 1 where that is refused), controller version, outputs, inputs, start.
 //!
 //! RTDE has no checksum. Sizes, types, recipes and values are checked as far as a wrong one can be recognised; a wrong value
 //! that is possible passes. After any error the client stays failed: a stream that lost its package borders is never read on.
 
+mod connection;
 pub mod error;
 pub mod fields;
+pub mod file;
 pub mod look;
+mod plausible;
 pub mod program;
+pub mod reader;
 pub mod recipe;
 #[cfg(test)]
 mod tests;
@@ -21,25 +25,19 @@ pub use error::LinkError;
 pub use recipe::RobotState;
 pub use wire::{TextLevel, TextMessage};
 
-use recipe::{Field, INPUT_PACKAGE_SIZE, OUTPUT_PACKAGE_SIZE, Plausibility};
+use connection::{Connection, Session};
+use error::Explained;
+use file::RecipeFile;
+use plausible::Plausibility;
+use recipe::{Field, INPUT_PACKAGE_SIZE, Recipes, Value};
 use screed_kernel::arm::Arm;
 use screed_kernel::units::{JointPos, Nanos};
 use std::fmt;
-use wire::{Deframer, HEADER_LEN, Header, PackageKind, PackageWriter, PayloadReader};
-
-/// Longest package accepted: a text message of protocol 2 needs 516 bytes, the answer to a setup less.
-const INBOX_SIZE: u16 = 1024;
-/// Room for the longest request, or for setpoints that the driver has not sent yet.
-const OUTBOX_SIZE: usize = 512;
-/// Text messages kept until they are polled.
-const TEXTS_MAX: usize = 4;
-/// The first controller generation with a 500 Hz cycle, e-Series.
-const MAJOR_500_HZ: u32 = 5;
 
 /// What the client is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// Asking for protocol 2.
+    /// Asking for protocol 2, then for 1.
     Version,
     /// Asking for the controller's software version.
     ControllerVersion,
@@ -49,19 +47,28 @@ pub enum Phase {
     Inputs,
     /// Asking for data.
     Starting,
+    /// Finding the rate of a controller that cannot be asked for one.
+    Measuring,
     /// Exchanging data.
     Running,
+    /// Asking for no more data.
+    Pausing,
+    /// Done.
+    Paused,
 }
 
 impl fmt::Display for Phase {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Version => "asking for protocol 2",
+            Self::Version => "agreeing on the protocol",
             Self::ControllerVersion => "asking for the controller's version",
             Self::Outputs => "agreeing on outputs",
             Self::Inputs => "agreeing on inputs",
             Self::Starting => "starting",
+            Self::Measuring => "measuring the controller's rate",
             Self::Running => "running",
+            Self::Pausing => "pausing",
+            Self::Paused => "paused",
         })
     }
 }
@@ -77,6 +84,13 @@ pub struct ControllerVersion {
     pub bugfix: u32,
     /// Build number.
     pub build: u32,
+}
+
+impl fmt::Display for ControllerVersion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { major, minor, bugfix, build } = self;
+        write!(f, "{major}.{minor}.{bugfix}.{build}")
+    }
 }
 
 /// What the client has to tell.
@@ -107,32 +121,21 @@ pub enum Event {
 /// The client.
 #[derive(Clone, Debug)]
 pub struct RtdeClient {
-    inbox: Deframer,
-    session: Session,
+    connection: Connection,
+    arm: Arm<6>,
+    robot: Robot,
 }
 
-/// Everything but the bytes of the package being read.
+/// What the robot has said on this connection.
 #[derive(Clone, Debug)]
-struct Session {
-    rate_hz: u32,
-    register_offset: u8,
-    timeout_ns: u64,
-    arm: Arm<6>,
-    phase: Phase,
-    failed: Option<LinkError>,
-    outbox: [u8; OUTBOX_SIZE],
-    outbox_len: usize,
-    /// When the wait for an answer or a state began: none before the first request left.
-    waiting_since: Option<Nanos>,
-    controller: Option<ControllerVersion>,
-    output_recipe: u8,
-    input_recipe: u8,
+struct Robot {
     plausibility: Plausibility,
-    announce_running: bool,
+    pace: Pace,
+    announced: bool,
     state: Option<RobotState>,
     skipped: u32,
-    texts: [Option<TextMessage>; TEXTS_MAX],
-    texts_lost: u32,
+    /// The newest values of the outputs that a recipe file names.
+    extra: Box<[u8]>,
 }
 
 impl RtdeClient {
@@ -143,34 +146,37 @@ impl RtdeClient {
     /// # Errors
     /// [`LinkError::BadRate`], [`LinkError::BadOffset`].
     pub fn new(arm: &Arm<6>, rate_hz: u32, register_offset: u8, timeout_ns: u64) -> Result<Self, LinkError> {
+        Self::beside(None, arm, rate_hz, register_offset, timeout_ns)
+    }
+
+    /// The same, and the outputs that a recipe file names are asked for beside Screed's own: [`Self::extra`].
+    ///
+    /// # Errors
+    /// [`LinkError::BadRate`], [`LinkError::BadOffset`], [`LinkError::RecipeTooLong`].
+    pub fn beside(
+        file: Option<&RecipeFile>,
+        arm: &Arm<6>,
+        rate_hz: u32,
+        register_offset: u8,
+        timeout_ns: u64,
+    ) -> Result<Self, LinkError> {
         if !matches!(rate_hz, 125 | 500) {
             return Err(LinkError::BadRate { rate_hz });
         }
         if !matches!(register_offset, 0 | 24) {
             return Err(LinkError::BadOffset { offset: register_offset });
         }
-        let mut session = Session {
-            rate_hz,
-            register_offset,
-            timeout_ns,
-            arm: *arm,
-            phase: Phase::Version,
-            failed: None,
-            outbox: [0; OUTBOX_SIZE],
-            outbox_len: 0,
-            waiting_since: None,
-            controller: None,
-            output_recipe: 0,
-            input_recipe: 0,
+        let recipes = Recipes::screed(register_offset, file)?;
+        let extra: usize = recipes.extra().iter().map(|field| field.kind.size()).sum();
+        let robot = Robot {
             plausibility: Plausibility::new(arm),
-            announce_running: false,
+            pace: Pace::default(),
+            announced: false,
             state: None,
             skipped: 0,
-            texts: [None; TEXTS_MAX],
-            texts_lost: 0,
+            extra: vec![0; extra].into_boxed_slice(),
         };
-        session.request(Phase::Version)?;
-        Ok(Self { inbox: Deframer::new(usize::from(INBOX_SIZE)), session })
+        Ok(Self { connection: Connection::new(recipes, rate_hz, timeout_ns)?, arm: *arm, robot })
     }
 
     /// Takes bytes from the robot, split anywhere.
@@ -178,40 +184,28 @@ impl RtdeClient {
     /// # Errors
     /// Every [`LinkError`] of a received package; the same one again from then on.
     pub fn handle_bytes(&mut self, now: Nanos, bytes: &[u8]) -> Result<(), LinkError> {
-        self.session.alive()?;
-        let result = self.take(now, bytes);
-        self.session.failed = result.err();
-        result
-    }
-
-    fn take(&mut self, now: Nanos, bytes: &[u8]) -> Result<(), LinkError> {
-        let mut rest = bytes;
-        loop {
-            let taken = self.inbox.push(rest);
-            rest = rest.get(taken..).unwrap_or(&[]);
-            while let Some(header) = self.inbox.header() {
-                // Judged before the rest is there: a broken size is an error now, not a wait.
-                let kind = self.session.judge(header)?;
-                let Some(payload) = self.inbox.payload(header.size) else { break };
-                self.session.handle_package(now, kind, payload)?;
-                self.inbox.consume(header.size);
-            }
-            if rest.is_empty() {
-                return Ok(());
-            }
-        }
+        let Self { connection, robot, .. } = self;
+        connection.handle_bytes(now, bytes, |session, values| robot.take(session, values))
     }
 
     /// The connection was closed by the robot; gives the error to report.
     pub fn handle_closed(&mut self) -> LinkError {
-        let error = self.session.failed.unwrap_or(LinkError::Closed { phase: self.session.phase });
-        self.session.failed = Some(error);
-        error
+        self.connection.handle_closed()
     }
 
     /// The next thing to tell: that it runs, then texts, then the newest state.
     pub fn poll_event(&mut self) -> Option<Event> {
-        self.session.poll_event()
+        let agreed = *self.connection.agreed();
+        if let (Phase::Running, false, Some(controller)) = (agreed.phase, self.robot.announced, agreed.controller) {
+            self.robot.announced = true;
+            return Some(Event::Running { controller });
+        }
+        if let Some((text, lost)) = self.connection.poll_text() {
+            return Some(Event::Text { text, lost });
+        }
+        // A state that came just before the stream broke may itself be the broken one.
+        let state = self.robot.state.take().filter(|_| agreed.failed.is_none())?;
+        Some(Event::State { state, skipped: std::mem::take(&mut self.robot.skipped) })
     }
 
     /// Queues one setpoint (rad) and its sequence number. The robot's program takes it when the number differs from the one
@@ -221,197 +215,10 @@ impl RtdeClient {
     /// [`LinkError::NotRunning`], [`LinkError::ImpossibleSetpoint`], [`LinkError::TransmitFull`]; nothing is queued then, and
     /// the link stays usable. The error of a failed link, again.
     pub fn send_setpoint(&mut self, seq: u32, joints: &JointPos<6>) -> Result<(), LinkError> {
-        self.session.send_setpoint(seq, joints)
-    }
-
-    /// Moves bytes for the robot into `out`; how many. Call it until it gives 0.
-    pub fn poll_transmit(&mut self, now: Nanos, out: &mut [u8]) -> usize {
-        self.session.poll_transmit(now, out)
-    }
-
-    /// When [`Self::handle_timeout`] wants to be called.
-    pub fn poll_timeout(&self) -> Option<Nanos> {
-        self.session.waiting_since.map(|since| since.plus(self.session.timeout_ns))
-    }
-
-    /// Checks whether the robot has been silent for too long.
-    ///
-    /// # Errors
-    /// [`LinkError::Silent`], or [`LinkError::Incomplete`] where a package began; the error of a failed link, again.
-    pub fn handle_timeout(&mut self, now: Nanos) -> Result<(), LinkError> {
-        self.session.alive()?;
-        let Some(since) = self.session.waiting_since else { return Ok(()) };
-        let waited_ns = now.since(since);
-        if waited_ns < self.session.timeout_ns {
-            return Ok(());
-        }
-        let announced = self.inbox.header().map(|header| header.size);
-        let error = LinkError::timed_out(self.inbox.waiting(), announced, waited_ns, self.session.phase);
-        self.session.failed = Some(error);
-        Err(error)
-    }
-
-    /// What the client is doing.
-    pub fn phase(&self) -> Phase {
-        self.session.phase
-    }
-}
-
-impl Session {
-    fn alive(&self) -> Result<(), LinkError> {
-        self.failed.map_or(Ok(()), Err)
-    }
-
-    /// Enters a phase and queues the request that it begins with.
-    fn request(&mut self, phase: Phase) -> Result<(), LinkError> {
-        self.phase = phase;
-        let kind = match phase {
-            Phase::Version => PackageKind::ProtocolVersion,
-            Phase::ControllerVersion => PackageKind::ControllerVersion,
-            Phase::Outputs => PackageKind::SetupOutputs,
-            Phase::Inputs => PackageKind::SetupInputs,
-            Phase::Starting => PackageKind::Start,
-            Phase::Running => return Ok(()),
-        };
-        let free = self.outbox.get_mut(self.outbox_len..).unwrap_or(&mut []);
-        let mut writer = PackageWriter::new(free, kind);
-        match phase {
-            Phase::Version => _ = writer.bytes(&2_u16.to_be_bytes()),
-            Phase::Outputs => {
-                writer.f64(f64::from(self.rate_hz));
-                write_names(&mut writer, &recipe::outputs(self.register_offset));
-            }
-            Phase::Inputs => write_names(&mut writer, &recipe::inputs(self.register_offset)),
-            Phase::ControllerVersion | Phase::Starting | Phase::Running => {}
-        }
-        self.outbox_len += writer.finish().ok_or(LinkError::TransmitFull)?;
-        Ok(())
-    }
-
-    /// Whether this header can be true now.
-    fn judge(&self, header: Header) -> Result<PackageKind, LinkError> {
-        let kind = PackageKind::from_code(header.code).ok_or(LinkError::UnknownPackage { code: header.code })?;
-        let (min, max) = match kind {
-            PackageKind::ProtocolVersion | PackageKind::Start | PackageKind::Pause => (4, 4),
-            PackageKind::ControllerVersion => (19, 19),
-            PackageKind::Data => (OUTPUT_PACKAGE_SIZE, OUTPUT_PACKAGE_SIZE),
-            // Until protocol 2 is agreed a text is a level and a message without length.
-            PackageKind::Text if self.phase == Phase::Version => (4, INBOX_SIZE),
-            PackageKind::Text => (6, 516),
-            PackageKind::SetupOutputs | PackageKind::SetupInputs => (5, INBOX_SIZE),
-        };
-        let expected = match kind {
-            PackageKind::Text => true,
-            PackageKind::ProtocolVersion => self.phase == Phase::Version,
-            PackageKind::ControllerVersion => self.phase == Phase::ControllerVersion,
-            PackageKind::SetupOutputs => self.phase == Phase::Outputs,
-            PackageKind::SetupInputs => self.phase == Phase::Inputs,
-            PackageKind::Start => self.phase == Phase::Starting,
-            // The first data may overtake the answer to the start.
-            PackageKind::Data => matches!(self.phase, Phase::Starting | Phase::Running),
-            PackageKind::Pause => false,
-        };
-        if !expected {
-            return Err(LinkError::UnexpectedPackage { kind, phase: self.phase });
-        }
-        if !(min..=max).contains(&header.size) {
-            return Err(LinkError::BadSize { kind, size: header.size, min, max });
-        }
-        Ok(kind)
-    }
-
-    fn handle_package(&mut self, now: Nanos, kind: PackageKind, payload: &[u8]) -> Result<(), LinkError> {
-        let malformed = LinkError::Malformed { kind };
-        let mut reader = PayloadReader::new(payload);
-        match kind {
-            PackageKind::Text => return self.handle_text(payload).ok_or(malformed),
-            PackageKind::Data => return self.handle_data(now, reader),
-            PackageKind::ProtocolVersion => match reader.u8() {
-                Some(1) => self.request(Phase::ControllerVersion)?,
-                _ => return Err(LinkError::ProtocolRefused),
-            },
-            PackageKind::ControllerVersion => {
-                let mut next = || reader.u32().ok_or(malformed);
-                let version = ControllerVersion { major: next()?, minor: next()?, bugfix: next()?, build: next()? };
-                if version.major < MAJOR_500_HZ && self.rate_hz > 125 {
-                    return Err(LinkError::RateTooHigh { major: version.major, rate_hz: self.rate_hz });
-                }
-                self.controller = Some(version);
-                self.request(Phase::Outputs)?;
-            }
-            PackageKind::SetupOutputs => {
-                self.output_recipe = check_setup(kind, reader, &recipe::outputs(self.register_offset))?;
-                self.request(Phase::Inputs)?;
-            }
-            PackageKind::SetupInputs => {
-                self.input_recipe = check_setup(kind, reader, &recipe::inputs(self.register_offset))?;
-                self.request(Phase::Starting)?;
-            }
-            PackageKind::Start => match reader.u8() {
-                Some(1) => {
-                    self.phase = Phase::Running;
-                    self.announce_running = true;
-                }
-                _ => return Err(LinkError::StartRefused),
-            },
-            PackageKind::Pause => return Err(LinkError::UnexpectedPackage { kind, phase: self.phase }),
-        }
-        self.waiting_since = Some(now);
-        Ok(())
-    }
-
-    fn handle_data(&mut self, now: Nanos, mut reader: PayloadReader<'_>) -> Result<(), LinkError> {
-        let malformed = LinkError::Malformed { kind: PackageKind::Data };
-        let id = reader.u8().ok_or(malformed)?;
-        if id != self.output_recipe {
-            return Err(LinkError::UnknownRecipe { id, expected: self.output_recipe });
-        }
-        let state = RobotState::decode(reader.rest()).ok_or(malformed)?;
-        self.plausibility.check(&state)?;
-        if self.phase == Phase::Running {
-            self.waiting_since = Some(now);
-            if self.state.replace(state).is_some() {
-                self.skipped = self.skipped.saturating_add(1);
-            }
-        }
-        Ok(())
-    }
-
-    fn handle_text(&mut self, payload: &[u8]) -> Option<()> {
-        let text = if self.phase == Phase::Version {
-            let (level, message) = payload.split_first()?;
-            let message = message.get(..wire::TEXT_MAX.min(message.len()))?;
-            let source = wire::ShortText::new(b"")?;
-            TextMessage { level: TextLevel::from_code(*level)?, message: wire::ShortText::new(message)?, source }
-        } else {
-            TextMessage::decode(wire::Protocol::Two, payload)?
-        };
-        match self.texts.iter_mut().find(|slot| slot.is_none()) {
-            Some(slot) => *slot = Some(text),
-            None => self.texts_lost = self.texts_lost.saturating_add(1),
-        }
-        Some(())
-    }
-
-    fn poll_event(&mut self) -> Option<Event> {
-        if let (true, Some(controller)) = (self.announce_running, self.controller) {
-            self.announce_running = false;
-            return Some(Event::Running { controller });
-        }
-        if let Some(text) = self.texts[0].take() {
-            self.texts.rotate_left(1);
-            let lost = std::mem::take(&mut self.texts_lost);
-            return Some(Event::Text { text, lost });
-        }
-        // A state that came just before the stream broke may itself be the broken one.
-        let state = self.state.take().filter(|_| self.failed.is_none())?;
-        Some(Event::State { state, skipped: std::mem::take(&mut self.skipped) })
-    }
-
-    fn send_setpoint(&mut self, seq: u32, joints: &JointPos<6>) -> Result<(), LinkError> {
-        self.alive()?;
-        if self.phase != Phase::Running {
-            return Err(LinkError::NotRunning { phase: self.phase });
+        let session = self.connection.session_mut();
+        session.alive()?;
+        if session.agreed.phase != Phase::Running {
+            return Err(LinkError::NotRunning { phase: session.agreed.phase });
         }
         let limits = self.arm.position_min.0.iter().zip(&self.arm.position_max.0);
         for ((joint, value), (min, max)) in (0..).zip(&joints.0).zip(limits) {
@@ -423,51 +230,96 @@ impl Session {
         if joints.0 == [0.0; 6] {
             return Err(LinkError::ImpossibleSetpoint { joint: 0, value: 0.0 });
         }
-        let free = self.outbox.get_mut(self.outbox_len..).unwrap_or(&mut []);
-        let len = recipe::encode_setpoint(free, self.input_recipe, seq, joints).ok_or(LinkError::TransmitFull)?;
-        debug_assert_eq!(len, INPUT_PACKAGE_SIZE);
-        self.outbox_len += len;
+        let recipe = session.agreed.input_recipe;
+        session.queue(|free| {
+            let len = recipe::encode_setpoint(free, recipe, seq, joints)?;
+            debug_assert_eq!(len, INPUT_PACKAGE_SIZE);
+            Some(len)
+        })
+    }
+
+    /// Moves bytes for the robot into `out`; how many. Call it until it gives 0.
+    pub fn poll_transmit(&mut self, now: Nanos, out: &mut [u8]) -> usize {
+        self.connection.poll_transmit(now, out)
+    }
+
+    /// When [`Self::handle_timeout`] wants to be called.
+    pub fn poll_timeout(&self) -> Option<Nanos> {
+        self.connection.poll_timeout()
+    }
+
+    /// Checks whether the robot has been silent for too long.
+    ///
+    /// # Errors
+    /// [`LinkError::Silent`], or [`LinkError::Incomplete`] where a package began; the error of a failed link, again.
+    pub fn handle_timeout(&mut self, now: Nanos) -> Result<(), LinkError> {
+        self.connection.handle_timeout(now)
+    }
+
+    /// What the client is doing.
+    pub fn phase(&self) -> Phase {
+        self.connection.agreed().phase
+    }
+
+    /// The outputs that the recipe file names, with the values that came with the newest state; all zero before the first.
+    pub fn extra(&self) -> impl Iterator<Item = (&Field, impl Iterator<Item = Value>)> {
+        recipe::values(self.connection.recipes().extra(), &self.robot.extra)
+    }
+
+    /// An error with its place in the recipe file, where it is about a field of one.
+    pub fn explain<'a>(&'a self, error: &'a LinkError) -> Explained<'a> {
+        self.connection.explain(error)
+    }
+}
+
+impl Robot {
+    fn take(&mut self, session: &mut Session, values: &[u8]) -> Result<(), LinkError> {
+        let malformed = LinkError::Malformed { kind: wire::PackageKind::Data };
+        let (state, extra) = RobotState::decode(values).ok_or(malformed)?;
+        self.plausibility.check(&state)?;
+        match session.agreed.phase {
+            Phase::Measuring if self.pace.is_found(session.rate_hz, state.timestamp)? => {
+                session.agreed.phase = Phase::Running;
+            }
+            Phase::Running => {
+                for (to, from) in self.extra.iter_mut().zip(extra) {
+                    *to = *from;
+                }
+                if self.state.replace(state).is_some() {
+                    self.skipped = self.skipped.saturating_add(1);
+                }
+            }
+            _ => {}
+        }
         Ok(())
     }
-
-    fn poll_transmit(&mut self, now: Nanos, out: &mut [u8]) -> usize {
-        let count = self.outbox_len.min(out.len());
-        if let (Some(from), Some(to)) = (self.outbox.get(..count), out.get_mut(..count)) {
-            to.copy_from_slice(from);
-        }
-        self.outbox.copy_within(count..self.outbox_len, 0);
-        self.outbox_len -= count;
-        if count > 0 && self.phase != Phase::Running {
-            self.waiting_since = Some(now);
-        }
-        count
-    }
 }
 
-fn write_names(writer: &mut PackageWriter<'_>, fields: &[Field]) {
-    for (index, (name, _)) in fields.iter().enumerate() {
-        if index > 0 {
-            writer.u8(b',');
-        }
-        writer.bytes(name.as_bytes());
-    }
+/// The controller's rate by its time stamps: by the least step, for packages that it skips make longer ones.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pace {
+    last: Option<f64>,
+    least: Option<f64>,
+    steps: u32,
 }
 
-/// Checks the answer to a setup, recipe id and types; gives the id.
-fn check_setup(kind: PackageKind, mut reader: PayloadReader<'_>, fields: &[Field]) -> Result<u8, LinkError> {
-    let malformed = LinkError::Malformed { kind };
-    let id = reader.u8().ok_or(malformed)?;
-    let mut types = wire::list_entries(reader.rest());
-    for &(name, expected) in fields {
-        match types.next() {
-            None => return Err(malformed),
-            Some(b"NOT_FOUND") => return Err(LinkError::FieldNotFound { name }),
-            Some(b"IN_USE") => return Err(LinkError::InUse { name }),
-            Some(found) if wire::FieldType::from_name(found) == Some(expected) => {}
-            Some(_) => return Err(LinkError::WrongType { name, expected }),
-        }
-    }
-    if types.next().is_some() { Err(malformed) } else { Ok(id) }
-}
+impl Pace {
+    /// Steps that are looked at.
+    const STEPS: u32 = 10;
+    /// Share by which the rate may differ: the next possible one is twice or half of it.
+    const TOLERANCE: f64 = 0.1;
 
-const _: () = assert!(HEADER_LEN + 2 < OUTBOX_SIZE && INPUT_PACKAGE_SIZE < OUTBOX_SIZE);
+    /// Whether the rate is known, and the wanted one.
+    fn is_found(&mut self, rate_hz: u32, timestamp: f64) -> Result<bool, LinkError> {
+        if let Some(last) = self.last.replace(timestamp) {
+            let step = timestamp - last;
+            self.least = Some(self.least.map_or(step, |least| least.min(step)));
+            self.steps += 1;
+        }
+        let Some(least) = self.least.filter(|_| self.steps >= Self::STEPS) else { return Ok(false) };
+        if (least * f64::from(rate_hz) - 1.0).abs() > Self::TOLERANCE {
+            return Err(LinkError::OtherRate { rate_hz, found_hz: 1.0 / least });
+        }
+        Ok(true)
+    }
+}

@@ -130,7 +130,13 @@ impl Core {
     /// [`CoreError`] when the cell's link, extruder line or loop cannot be.
     pub fn tracked(cell: &Cell, realtime: bool, note: &str) -> Result<Self, CoreError> {
         let timeout_ns = (cell.link.timeout * 1e9) as u64;
-        let robot = RtdeClient::new(&cell.robot.arm, cell.link.rate_hz, cell.link.register_offset, timeout_ns)?;
+        let robot = RtdeClient::beside(
+            cell.link.recipes.as_ref(),
+            &cell.robot.arm,
+            cell.link.rate_hz,
+            cell.link.register_offset,
+            timeout_ns,
+        )?;
         Ok(Self {
             kernel: Box::new(Kernel::new(&cell.robot.arm)),
             lead: cell.closed_loop().map_err(CoreError::Lead)?.map(Box::new),
@@ -454,7 +460,8 @@ impl Core {
         if let Err(error) = result {
             self.kernel.robot_lost();
             self.stop_extruder();
-            self.alarm(true, &error);
+            let text = shorten(self.robot.explain(&error));
+            self.alarm(true, &text);
         }
         result
     }

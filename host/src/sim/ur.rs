@@ -30,6 +30,7 @@ mod tests;
 pub use session::ClientId;
 
 use crate::config::Cell;
+use crate::link::rtde::wire::Protocol;
 use body::Body;
 use cell::CellInputs;
 use dashboard::Desk;
@@ -282,6 +283,11 @@ impl Controller {
             let _ = controller.play();
         }
         Ok(controller)
+    }
+
+    /// Accepts no newer protocol of RTDE than this from now on.
+    pub const fn limit_protocol(&mut self, newest: Protocol) {
+        self.exchange.protocol = newest;
     }
 
     /// A client of RTDE has connected.

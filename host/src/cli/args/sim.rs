@@ -1,6 +1,7 @@
 //! The arguments of the simulated controller.
 
 use super::seconds;
+use crate::link::rtde::wire::Protocol;
 use crate::sim::ur::act::Fault;
 use crate::sim::ur::inputs::Fieldbus;
 use crate::sim::ur::robot::Generation;
@@ -26,6 +27,9 @@ pub struct SimUrArgs {
     /// The controller: cb3 (software 3.15, 125 Hz) or e-series (5.11, 500 Hz)
     #[arg(long, value_name = "GENERATION", default_value = "e-series")]
     pub controller: Generation,
+    /// The newest protocol of RTDE that it accepts: 1, or 2
+    #[arg(long, value_name = "VERSION", default_value = "2", value_parser = rtde_protocol)]
+    pub rtde_protocol: Protocol,
     /// Start without power, brakes on, no program running
     #[arg(long)]
     pub power_off: bool,
@@ -72,4 +76,12 @@ fn joints_deg(text: &str) -> Result<StartDeg, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
     let joints: [f64; 6] = numbers.map_err(|_| expected())?.try_into().map_err(|_| expected())?;
     if joints.iter().all(|joint| (-360.0..=360.0).contains(joint)) { Ok(StartDeg(joints)) } else { Err(expected()) }
+}
+
+fn rtde_protocol(text: &str) -> Result<Protocol, String> {
+    match text {
+        "1" => Ok(Protocol::One),
+        "2" => Ok(Protocol::Two),
+        _ => Err("expected 1 or 2".to_owned()),
+    }
 }

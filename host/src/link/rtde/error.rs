@@ -1,7 +1,11 @@
 //! Why the link to the robot failed.
 
-use super::Phase;
-use super::wire::{FieldType, HEADER_LEN, PackageKind};
+use super::fields::{self, REGISTERS, REGISTERS_UPPER};
+use super::file::RecipeFile;
+use super::recipe::Field;
+use super::wire::{HEADER_LEN, PackageKind, ShortText};
+use super::{ControllerVersion, Phase};
+use std::fmt;
 
 /// Every way in which the RTDE link fails. After the first one the client stays failed: a byte stream that lost its
 /// package borders must not be read on.
@@ -21,41 +25,69 @@ pub enum LinkError {
         /// As configured.
         offset: u8,
     },
-    /// The controller does not speak protocol 2.
-    #[error("the controller refuses RTDE protocol 2: update it to PolyScope 3.5 / 5.0 or newer")]
+    /// More than one package can hold.
+    #[error(
+        "the recipe's {fields} outputs need packages of {size} bytes, 65535 are possible; take fields out of the recipe"
+    )]
+    RecipeTooLong {
+        /// How many outputs.
+        fields: usize,
+        /// Bytes of the longest package: data, or the names.
+        size: usize,
+    },
+    /// The controller speaks neither protocol.
+    #[error(
+        "the controller refuses RTDE protocols 2 and 1: not a version that Screed speaks; update the controller, or Screed"
+    )]
     ProtocolRefused,
     /// The controller's cycle is slower than the wanted rate.
-    #[error("controller version {major} serves at most 125 Hz, {rate_hz} Hz wanted: set rate_hz = 125")]
+    #[error("the controller (software {controller}) serves at most 125 Hz, {rate_hz} Hz wanted; set rate_hz = 125")]
     RateTooHigh {
-        /// Major version of the controller's software; below 5 it is a CB3.
-        major: u32,
+        /// Its software; major below 5 is a CB3.
+        controller: ControllerVersion,
         /// As configured (Hz).
         rate_hz: u32,
     },
-    /// The controller does not know a field.
+    /// The controller sends at another rate than the configured one, which protocol 1 cannot ask for.
     #[error(
-        "the controller has no field {name}: its software is too old for register offset 24 (needs 3.9 / 5.3), or is no UR controller"
+        "the controller sends {found_hz:.1} states a second, {rate_hz} are configured, and its protocol 1 cannot be asked for a rate; \
+         set rate_hz to the controller's, or update its software for protocol 2"
     )]
+    OtherRate {
+        /// As configured (Hz).
+        rate_hz: u32,
+        /// By the least step of the time stamps (Hz).
+        found_hz: f64,
+    },
+    /// The controller does not know a field.
+    #[error("{}", not_found(field, controller.as_ref()))]
     FieldNotFound {
         /// The field.
-        name: &'static str,
+        field: Field,
+        /// The controller's software, where it said so before.
+        controller: Option<ControllerVersion>,
     },
-    /// Another client, or a fieldbus, writes an input that we need.
-    #[error(
-        "{name} is in use: close the other RTDE client, switch off EtherNet/IP, PROFINET or MODBUS in the installation, or set \
-         register_offset to the other of 0 and 24"
-    )]
+    /// Another client, or a fieldbus, writes inputs that we need.
+    #[error("{}", in_use(field, *used, *of))]
     InUse {
-        /// The input.
-        name: &'static str,
+        /// The first of them.
+        field: Field,
+        /// How many are in use.
+        used: u16,
+        /// Of how many that were asked for.
+        of: u16,
     },
-    /// The controller gives a field another type than the protocol's documentation.
-    #[error("the controller's type of {name} is not {}: not a controller that this program knows", expected.name())]
+    /// The controller gives a field another type.
+    #[error(
+        "field {}: type {} expected, the controller answers {found}; correct the recipe, or take a server that is a UR controller",
+        field.name,
+        field.kind.name()
+    )]
     WrongType {
-        /// The field.
-        name: &'static str,
-        /// Its type by the documentation.
-        expected: FieldType,
+        /// The field, and its type by the recipe.
+        field: Field,
+        /// What the controller answers.
+        found: ShortText<20>,
     },
     /// The controller does not start sending.
     #[error("the controller refuses to start sending: restart its RTDE service or the controller")]
@@ -168,5 +200,65 @@ impl LinkError {
             Ok(0) | Err(_) => Self::Silent { waited_ns, phase },
             Ok(received) => Self::Incomplete { received, size: announced.unwrap_or(HEADER_LEN as u16), waited_ns },
         }
+    }
+}
+
+fn not_found(field: &Field, controller: Option<&ControllerVersion>) -> String {
+    let name = field.name.to_string();
+    let whose = controller.map_or_else(String::new, |version| format!(" (software {version})"));
+    let prefixes = ["input_int_register_", "input_double_register_", "output_int_register_", "output_double_register_"];
+    let upper = prefixes.iter().any(|prefix| fields::number(&name, prefix, REGISTERS_UPPER..REGISTERS).is_some());
+    let remedy = if upper {
+        "registers from 24 on came with software 3.9 and 5.3: update it, or set register_offset = 0"
+    } else if fields::output(&name).or(fields::input(&name)).is_some() {
+        "its software is older than the field, or it is no controller of Universal Robots: update it, or take the field out of the recipe"
+    } else {
+        "Screed does not know the field either: correct its name in the recipe, or update the controller"
+    };
+    format!("the controller{whose} has no field {name}; {remedy}")
+}
+
+fn in_use(field: &Field, used: u16, of: u16) -> String {
+    let name = field.name;
+    if used == of {
+        let what = "a fieldbus (EtherNet/IP, PROFINET, MODBUS) owns the registers, or another Screed does";
+        let remedy = "switch the fieldbus off in the installation or set register_offset to the other of 0 and 24, or end the other program";
+        return format!("all {of} inputs from {name} on are in use: {what}; {remedy}");
+    }
+    let what = "another RTDE client writes them, or an old connection of one lingers";
+    format!(
+        "{used} of {of} inputs are in use, {name} first: {what}; close it, wait some seconds, or set register_offset to the other of 0 and 24"
+    )
+}
+
+impl LinkError {
+    /// The field that it is about.
+    const fn field(&self) -> Option<&Field> {
+        match self {
+            Self::FieldNotFound { field, .. } | Self::InUse { field, .. } | Self::WrongType { field, .. } => {
+                Some(field)
+            }
+            _ => None,
+        }
+    }
+}
+
+/// An error with its place in the recipe file, where it has one: file, line, recipe.
+#[derive(Clone, Copy, Debug)]
+pub struct Explained<'a> {
+    pub(super) error: &'a LinkError,
+    pub(super) file: Option<&'a RecipeFile>,
+}
+
+impl fmt::Display for Explained<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let line = self.error.field().map_or(0, |field| field.line);
+        if let (Some(file), 1..) = (self.file, line) {
+            write!(f, "{}:{line}: ", file.name)?;
+            if let Some(recipe) = file.recipe_at(line) {
+                write!(f, "recipe {}: ", recipe.key)?;
+            }
+        }
+        write!(f, "{}", self.error)
     }
 }

@@ -1,62 +1,166 @@
-//! What Screed and the robot tell each other in every cycle: two recipes, and the checks on what comes back.
+//! What a client and a controller tell each other: the fields of each recipe, and Screed's own in every cycle.
 
 use super::error::LinkError;
-use super::wire::{FieldType, PackageKind, PackageWriter, PayloadReader};
-use screed_kernel::arm::Arm;
+use super::fields;
+use super::file::{Recipe, RecipeFile};
+use super::wire::{FieldType, HEADER_LEN, PackageKind, PackageWriter, PayloadReader, ShortText};
 use screed_kernel::units::{JointPos, JointVel};
-use std::f64::consts::TAU;
+use std::fmt;
 
-/// A field's name and its type by the RTDE guide.
-pub type Field = (&'static str, FieldType);
+/// A field's name; the guide's longest has 39 bytes.
+pub type FieldName = ShortText<48>;
 
-const OUTPUT_COUNT: usize = 10;
-const INPUT_COUNT: usize = 7;
-
-/// The outputs, in the order in which they are asked for.
-pub const fn outputs(register_offset: u8) -> [Field; OUTPUT_COUNT] {
-    [
-        ("timestamp", FieldType::Double),
-        ("actual_q", FieldType::Vector6d),
-        ("actual_qd", FieldType::Vector6d),
-        ("target_q", FieldType::Vector6d),
-        ("actual_TCP_pose", FieldType::Vector6d),
-        ("runtime_state", FieldType::Uint32),
-        ("robot_mode", FieldType::Int32),
-        (if register_offset == 0 { "output_int_register_0" } else { "output_int_register_24" }, FieldType::Int32),
-        (if register_offset == 0 { "input_int_register_0" } else { "input_int_register_24" }, FieldType::Int32),
-        // Last: what a package that lost its end shows here, the next one's header, is no joint and mostly no set of bits.
-        ("safety_status_bits", FieldType::Uint32),
-    ]
+/// A field of a recipe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Its name.
+    pub name: FieldName,
+    /// Its type by the guide; by the recipe file where the guide has no such field.
+    pub kind: FieldType,
+    /// The line of the recipe file; 0 for what Screed asks for itself.
+    pub line: u32,
 }
 
-/// The inputs, in the order in which they are written: the joint setpoint (rad) and its sequence number.
-pub const fn inputs(register_offset: u8) -> [Field; INPUT_COUNT] {
-    const LOWER: [&str; INPUT_COUNT] = [
-        "input_double_register_0",
-        "input_double_register_1",
-        "input_double_register_2",
-        "input_double_register_3",
-        "input_double_register_4",
-        "input_double_register_5",
-        "input_int_register_0",
-    ];
-    const UPPER: [&str; INPUT_COUNT] = [
-        "input_double_register_24",
-        "input_double_register_25",
-        "input_double_register_26",
-        "input_double_register_27",
-        "input_double_register_28",
-        "input_double_register_29",
-        "input_int_register_24",
-    ];
-    let [a, b, c, d, e, f, sequence] = if register_offset == 0 { LOWER } else { UPPER };
-    let double = FieldType::Double;
-    [(a, double), (b, double), (c, double), (d, double), (e, double), (f, double), (sequence, FieldType::Int32)]
+impl Field {
+    fn own(name: &str, kind: FieldType) -> Self {
+        Self { name: FieldName::cut(name.as_bytes()), kind, line: 0 }
+    }
+
+    /// Whether it is the controller's time.
+    pub fn is_timestamp(&self) -> bool {
+        self.name.as_bytes() == OUTPUTS[0].as_bytes()
+    }
 }
 
-/// Bytes of a package of outputs: header, recipe id, values.
-pub const OUTPUT_PACKAGE_SIZE: u16 = 3 + 1 + 8 + 4 * 48 + 5 * 4;
-/// Bytes of a package of inputs: header, recipe id, values.
+/// A number in a data package.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Value {
+    /// Of `BOOL`.
+    Bool(bool),
+    /// Of the types without a sign.
+    Unsigned(u64),
+    /// Of those with one.
+    Signed(i32),
+    /// Of those with a fraction.
+    Double(f64),
+}
+
+impl fmt::Display for Value {
+    /// As Rust reads it again without loss.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Bool(value) => write!(f, "{}", u8::from(*value)),
+            Self::Unsigned(value) => write!(f, "{value}"),
+            Self::Signed(value) => write!(f, "{value}"),
+            Self::Double(value) => write!(f, "{value}"),
+        }
+    }
+}
+
+/// The values of fields, one after the other as they stand in a data package, each with its numbers.
+pub fn values<'a>(
+    fields: &'a [Field],
+    bytes: &'a [u8],
+) -> impl Iterator<Item = (&'a Field, impl Iterator<Item = Value> + 'a)> + 'a {
+    fields.iter().scan(PayloadReader::new(bytes), |reader, field| {
+        let bytes = reader.bytes(field.kind.size())?;
+        let numbers = bytes.chunks(field.kind.size() / field.kind.elements());
+        Some((field, numbers.filter_map(|number| value(field.kind, number))))
+    })
+}
+
+fn value(kind: FieldType, bytes: &[u8]) -> Option<Value> {
+    let mut reader = PayloadReader::new(bytes);
+    match kind {
+        FieldType::Bool => reader.u8().map(|byte| Value::Bool(byte != 0)),
+        FieldType::Uint8 => reader.u8().map(|value| Value::Unsigned(value.into())),
+        FieldType::Uint32 | FieldType::Vector6Uint32 => reader.u32().map(|value| Value::Unsigned(value.into())),
+        FieldType::Uint64 => reader.u64().map(Value::Unsigned),
+        FieldType::Int32 | FieldType::Vector6Int32 => reader.i32().map(Value::Signed),
+        FieldType::Double | FieldType::Vector3d | FieldType::Vector6d => reader.f64().map(Value::Double),
+    }
+}
+
+/// What is agreed on with a controller: one recipe each way. Made before the connection, and the same for each one.
+///
+/// All inputs are in one recipe, however a file groups them: a package can then not be there by half, and there are servers
+/// that keep only the latest recipe of inputs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recipes {
+    /// In the order in which they are asked for.
+    pub outputs: Vec<Field>,
+    /// In the order in which they are written.
+    pub inputs: Vec<Field>,
+    /// Where the fields that have a line stand.
+    pub file: Option<RecipeFile>,
+    /// Bytes of the outputs' values.
+    pub(super) size: u16,
+    /// Room for any package but texts.
+    pub(super) longest: u16,
+}
+
+/// The outputs that Screed needs; those of its registers follow.
+const OUTPUTS: [&str; 7] =
+    ["timestamp", "actual_q", "actual_qd", "target_q", "actual_TCP_pose", "runtime_state", "robot_mode"];
+/// Last of all: what a package that lost its end shows here, the next one's header, is mostly no set of bits.
+const LAST_OUTPUT: &str = "safety_status_bits";
+
+impl Recipes {
+    /// Screed's own, and beside them the outputs that a file names.
+    ///
+    /// # Errors
+    /// [`LinkError::RecipeTooLong`].
+    pub fn screed(register_offset: u8, file: Option<&RecipeFile>) -> Result<Self, LinkError> {
+        let n = register_offset;
+        let output = |name: &str| fields::output(name).map(|kind| Field::own(name, kind));
+        let input = |name: String| fields::input(&name).map(|kind| Field::own(&name, kind));
+        let registers = [format!("output_int_register_{n}"), format!("input_int_register_{n}")];
+        let mut outputs: Vec<_> =
+            OUTPUTS.into_iter().chain(registers.iter().map(String::as_str)).filter_map(output).collect();
+        for field in file.into_iter().flat_map(RecipeFile::outputs) {
+            if field.name.as_bytes() != LAST_OUTPUT.as_bytes() && !outputs.iter().any(|known| known.name == field.name)
+            {
+                outputs.push(*field);
+            }
+        }
+        outputs.extend(output(LAST_OUTPUT));
+        let doubles = (n..n + 6).map(|register| format!("input_double_register_{register}"));
+        let inputs = doubles.chain([format!("input_int_register_{n}")]).filter_map(input).collect();
+        Self { outputs, inputs, file: file.cloned(), size: 0, longest: 0 }.sized()
+    }
+
+    /// The outputs of one recipe of a file, and no inputs: for who only reads. Without a time stamp in it, one is asked for
+    /// behind them.
+    ///
+    /// # Errors
+    /// [`LinkError::RecipeTooLong`].
+    pub fn reading(recipe: &Recipe, file: &RecipeFile) -> Result<Self, LinkError> {
+        let mut outputs = recipe.fields.clone();
+        if !outputs.iter().any(Field::is_timestamp) {
+            outputs.push(Field::own(OUTPUTS[0], FieldType::Double));
+        }
+        Self { outputs, inputs: Vec::new(), file: Some(file.clone()), size: 0, longest: 0 }.sized()
+    }
+
+    fn sized(mut self) -> Result<Self, LinkError> {
+        let size: usize = self.outputs.iter().map(|field| field.kind.size()).sum();
+        // A type's name is shorter than 16 bytes, and so is a refusal.
+        let list = |fields: &[Field]| fields.iter().map(|field| field.name.as_bytes().len().max(15) + 1).sum::<usize>();
+        let longest = HEADER_LEN + size_of::<f64>() + list(&self.outputs).max(list(&self.inputs)).max(size);
+        match (u16::try_from(size), u16::try_from(longest)) {
+            (Ok(size), Ok(longest)) => (self.size, self.longest) = (size, longest),
+            _ => return Err(LinkError::RecipeTooLong { fields: self.outputs.len(), size: longest }),
+        }
+        Ok(self)
+    }
+
+    /// The outputs that a file wants beside Screed's own.
+    pub(super) fn extra(&self) -> &[Field] {
+        self.outputs.get(OUTPUTS.len() + 2..self.outputs.len() - 1).unwrap_or(&[])
+    }
+}
+
+/// Bytes of a package of Screed's inputs: header, recipe id, values.
 pub const INPUT_PACKAGE_SIZE: usize = 3 + 1 + 6 * 8 + 4;
 
 /// What the robot says of itself in one cycle.
@@ -87,8 +191,9 @@ pub struct RobotState {
 }
 
 impl RobotState {
-    /// Decodes the values behind the recipe id; None when their length is wrong.
-    pub(super) fn decode(values: &[u8]) -> Option<Self> {
+    /// Decodes the values of a package, and gives those that a file wanted beside them; None when the length is wrong.
+    pub(super) fn decode(values: &[u8]) -> Option<(Self, &[u8])> {
+        let (values, last) = values.split_last_chunk()?;
         let mut reader = PayloadReader::new(values);
         let state = Self {
             timestamp: reader.f64()?,
@@ -100,9 +205,9 @@ impl RobotState {
             robot_mode: reader.i32()?,
             program_state: reader.i32()?,
             arrived: reader.i32()?,
-            safety_status_bits: reader.u32()?,
+            safety_status_bits: u32::from_be_bytes(*last),
         };
-        reader.rest().is_empty().then_some(state)
+        Some((state, reader.rest()))
     }
 }
 
@@ -111,99 +216,4 @@ pub(super) fn encode_setpoint(out: &mut [u8], recipe: u8, seq: u32, joints: &Joi
     let mut writer = PackageWriter::new(out, PackageKind::Data);
     writer.u8(recipe).f64s(&joints.0).bytes(&seq.to_be_bytes());
     writer.finish()
-}
-
-/// A rotation vector is at most half a turn long; some clients write it longer.
-const TURN_MAX: f64 = TAU * 1.01;
-/// Encoders may read a little beyond the arm's range.
-const RANGE_MARGIN: f64 = 1.01;
-/// Of a joint that turns without end: what setpoints can hold (rad).
-const ENDLESS_MAX: f64 = 1024.0;
-/// A joint may measure faster than its limit for a moment, by noise and overshoot.
-const SPEED_MARGIN: f64 = 1.5;
-/// What encoder noise may add to a step (rad).
-const STEP_NOISE: f64 = 1e-3;
-/// No UR arm and tool reach farther from the base (m).
-const REACH_MAX: f64 = 5.0;
-/// A controller closes a connection that lags about ten seconds behind; so no honest gap is longer (s).
-const GAP_MAX: f64 = 10.0;
-/// A controller is restarted before it runs this long: 30 years (s).
-const UPTIME_MAX: f64 = 1e9;
-/// Of an arm whose data sheet gives no speeds no speed is impossible.
-const UNRATED: JointVel<6> = JointVel([f64::MAX; 6]);
-
-/// Whether states are possible, alone and after the one before.
-///
-/// RTDE has no checksum: a wrong value that is possible cannot be recognised, here or anywhere.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Plausibility {
-    position_max: [f64; 6],
-    velocity_max: JointVel<6>,
-    last: Option<(f64, JointPos<6>)>,
-}
-
-impl Plausibility {
-    pub(super) fn new(arm: &Arm<6>) -> Self {
-        let mut position_max = [0.0; 6];
-        let range = arm.position_min.0.iter().zip(&arm.position_max.0);
-        for (limit, (low, high)) in position_max.iter_mut().zip(range) {
-            *limit = low.abs().max(high.abs()).min(ENDLESS_MAX) * RANGE_MARGIN;
-        }
-        Self { position_max, velocity_max: arm.velocity_max.known().unwrap_or(UNRATED), last: None }
-    }
-
-    /// Checks a state and keeps it for the next check.
-    pub(super) fn check(&mut self, state: &RobotState) -> Result<(), LinkError> {
-        scalar("timestamp", state.timestamp, 0.0, UPTIME_MAX)?;
-        elements("actual_q", &state.actual_q.0, &self.position_max)?;
-        elements(
-            "actual_qd",
-            &state.actual_qd.0,
-            &self.velocity_max.0.map(|limit| (limit * SPEED_MARGIN).min(f64::MAX)),
-        )?;
-        elements("target_q", &state.target_q.0, &self.position_max)?;
-        let (reach, turn) = (REACH_MAX, TURN_MAX);
-        elements("actual_TCP_pose", &state.actual_tcp_pose, &[reach, reach, reach, turn, turn, turn])?;
-        scalar("runtime_state", f64::from(state.runtime_state), 0.0, 5.0)?;
-        scalar("robot_mode", f64::from(state.robot_mode), -1.0, 8.0)?;
-        scalar("safety_status_bits", f64::from(state.safety_status_bits), 0.0, 4095.0)?;
-        if let Some((timestamp, actual_q)) = self.last {
-            let dt = state.timestamp - timestamp;
-            if dt <= 0.0 || dt > GAP_MAX {
-                return Err(impossible("timestamp step", 0, dt, GAP_MAX));
-            }
-            let mut step = state.actual_q.0;
-            let mut step_max = self.velocity_max.0;
-            for (now, before) in step.iter_mut().zip(&actual_q.0) {
-                *now -= before;
-            }
-            for limit in &mut step_max {
-                *limit = (*limit * dt * SPEED_MARGIN + STEP_NOISE).min(f64::MAX);
-            }
-            elements("actual_q step", &step, &step_max)?;
-        }
-        self.last = Some((state.timestamp, state.actual_q));
-        Ok(())
-    }
-}
-
-fn scalar(field: &'static str, value: f64, min: f64, max: f64) -> Result<(), LinkError> {
-    if (min..=max).contains(&value) {
-        return Ok(());
-    }
-    Err(impossible(field, 0, value, if value < min { min } else { max }))
-}
-
-/// NaN is inside no range, so it fails here too.
-fn elements(field: &'static str, values: &[f64; 6], limits: &[f64; 6]) -> Result<(), LinkError> {
-    for ((element, value), limit) in (0..).zip(values).zip(limits) {
-        if !(-limit..=*limit).contains(value) {
-            return Err(impossible(field, element, *value, *limit));
-        }
-    }
-    Ok(())
-}
-
-const fn impossible(field: &'static str, element: u8, value: f64, limit: f64) -> LinkError {
-    LinkError::ImpossibleValue { field, element, value, limit }
 }

@@ -1,6 +1,7 @@
 //! The client alone, against bytes written by hand.
 
 use super::program::{Program, ProgramError, WatchdogAction};
+use super::wire::PackageKind;
 use super::*;
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::units::JointVel;
@@ -169,7 +170,7 @@ fn silence_and_half_a_package_are_told_apart() {
     for (after, byte) in (1_000_000..).step_by(1_000_000).zip(&data(&state(1))[..50]) {
         client.handle_bytes(now.plus(after), &[*byte]).expect("not yet wrong");
     }
-    let incomplete = LinkError::Incomplete { received: 50, size: recipe::OUTPUT_PACKAGE_SIZE, waited_ns };
+    let incomplete = LinkError::Incomplete { received: 50, size: 224, waited_ns };
     assert_eq!(client.handle_timeout(now.plus(TIMEOUT_NS)), Err(incomplete));
     assert!(incomplete.to_string().contains("50 bytes of a package of 224"), "{incomplete}");
     assert_eq!(client.handle_closed(), incomplete);
@@ -235,6 +236,21 @@ fn impossible_values_are_named() {
     client.handle_bytes(Nanos(0), &data(&jumped)).expect("possible");
 }
 
+const OLD: ControllerVersion = ControllerVersion { major: 3, minor: 15, bugfix: 0, build: 1 };
+const NEW: Option<ControllerVersion> = Some(ControllerVersion { major: 5, minor: 11, bugfix: 6, build: 1 });
+
+fn field(name: &str, kind: Option<wire::FieldType>) -> Field {
+    Field { name: wire::ShortText::cut(name.as_bytes()), kind: kind.expect("a field of the guide"), line: 0 }
+}
+
+fn output(name: &str) -> Field {
+    field(name, fields::output(name))
+}
+
+fn input(name: &str) -> Field {
+    field(name, fields::input(name))
+}
+
 #[test]
 fn every_refusal_in_the_negotiation_has_its_error() {
     let outputs = |types: &str| package(b'O', &[b"\x01", types.as_bytes()].concat());
@@ -242,29 +258,28 @@ fn every_refusal_in_the_negotiation_has_its_error() {
     let good = "DOUBLE,VECTOR6D,VECTOR6D,VECTOR6D,VECTOR6D,UINT32,INT32,INT32,INT32,UINT32";
     let old = [3_u32, 15, 0, 1].map(u32::to_be_bytes).concat();
     let cases = [
-        (0, package(b'V', &[0]), LinkError::ProtocolRefused),
-        (1, package(b'v', &old), LinkError::RateTooHigh { major: 3, rate_hz: 500 }),
+        (1, package(b'v', &old), LinkError::RateTooHigh { controller: OLD, rate_hz: 500 }),
         (
             2,
             outputs(&good.replace("VECTOR6D,UINT32", "NOT_FOUND,UINT32")),
-            LinkError::FieldNotFound { name: "actual_TCP_pose" },
+            LinkError::FieldNotFound { field: output("actual_TCP_pose"), controller: NEW },
         ),
         (
             2,
             outputs(&good.replacen("DOUBLE", "INT32", 1)),
-            LinkError::WrongType { name: "timestamp", expected: wire::FieldType::Double },
+            LinkError::WrongType { field: output("timestamp"), found: wire::ShortText::cut(b"INT32") },
         ),
         (2, outputs("DOUBLE"), LinkError::Malformed { kind: PackageKind::SetupOutputs }),
         (2, outputs(&format!("{good},DOUBLE")), LinkError::Malformed { kind: PackageKind::SetupOutputs }),
         (
             3,
             inputs("DOUBLE,IN_USE,DOUBLE,DOUBLE,DOUBLE,DOUBLE,INT32"),
-            LinkError::InUse { name: "input_double_register_1" },
+            LinkError::InUse { field: input("input_double_register_1"), used: 1, of: 7 },
         ),
         (
             3,
             inputs("DOUBLE,DOUBLE,DOUBLE,DOUBLE,DOUBLE,DOUBLE,NOT_FOUND"),
-            LinkError::FieldNotFound { name: "input_int_register_0" },
+            LinkError::FieldNotFound { field: input("input_int_register_0"), controller: NEW },
         ),
         (4, package(b'S', &[0]), LinkError::StartRefused),
         (0, package(b'S', &[1]), LinkError::UnexpectedPackage { kind: PackageKind::Start, phase: Phase::Version }),

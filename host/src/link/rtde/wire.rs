@@ -366,6 +366,11 @@ impl Deframer {
         self.len -= size;
     }
 
+    /// Drops all bytes.
+    pub const fn clear(&mut self) {
+        self.len = 0;
+    }
+
     /// Bytes of the package at the front that are there.
     pub const fn waiting(&self) -> usize {
         self.len

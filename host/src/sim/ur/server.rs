@@ -20,6 +20,7 @@ use super::script::upload::Upload;
 use super::streams::{Port, Stream};
 use super::{Controller, ControllerError, Options};
 use crate::failure::{Exit, Failure};
+use crate::link::rtde::wire::Protocol;
 use connection::{Connection, Peer};
 use orders::{Orders, say};
 use screed_kernel::arm::Arm;
@@ -46,6 +47,8 @@ pub struct ServeOptions {
     pub allow_remote: bool,
     /// A CSV file with a row for each cycle.
     pub record: Option<PathBuf>,
+    /// The newest protocol of RTDE that it accepts.
+    pub rtde_protocol: Protocol,
     /// Ends when nobody is connected for so long.
     pub exit_when_idle: Option<Duration>,
     /// Prints JSON instead of sentences.
@@ -208,6 +211,7 @@ impl Server {
         }
         let mut controller = Controller::new(&options.arm, options.controller.clone())?;
         controller.install(options.fieldbus);
+        controller.limit_protocol(options.rtde_protocol);
         if let Some(fault) = controller.program_fault() {
             return Err(SimError::Program { fault: fault.to_owned() });
         }

@@ -12,7 +12,7 @@ use super::properties;
 use super::robot::Generation;
 use crate::link::rtde::TextLevel;
 use crate::link::rtde::wire::{
-    Deframer, FieldType, HEADER_LEN, PACKAGE_MAX, PackageKind, PayloadReader, TEXT_MAX, list_entries,
+    Deframer, FieldType, HEADER_LEN, PACKAGE_MAX, PackageKind, PayloadReader, Protocol, TEXT_MAX, list_entries,
 };
 use crate::sim::line::{self, Spoil};
 
@@ -47,6 +47,8 @@ pub(super) struct Exchange {
     pub rate: u32,
     /// Which controller.
     pub generation: Generation,
+    /// The newest protocol that is accepted.
+    pub protocol: Protocol,
 }
 
 impl Exchange {
@@ -54,7 +56,16 @@ impl Exchange {
         let inputs = InputValues::new();
         let (owners, updated) = (vec![None; inputs.len()], vec![false; inputs.len()]);
         let rate = generation.cycle_rate();
-        Self { inputs, owners, updated, wishes: Wishes::default(), packages: 0, rate, generation }
+        Self {
+            inputs,
+            owners,
+            updated,
+            wishes: Wishes::default(),
+            packages: 0,
+            rate,
+            generation,
+            protocol: Protocol::Two,
+        }
     }
 
     /// A fieldbus takes inputs from whoever has them, and gives back those it no longer takes.
@@ -190,7 +201,7 @@ impl Session {
             PackageKind::ProtocolVersion => {
                 let Ok([high, low]) = <[u8; 2]>::try_from(payload) else { return self.wrong_size(kind) };
                 let wanted = u16::from_be_bytes([high, low]);
-                let accepted = matches!(wanted, 1 | 2);
+                let accepted = (1..=exchange.protocol.number()).contains(&wanted);
                 if accepted {
                     self.protocol = wanted;
                 }

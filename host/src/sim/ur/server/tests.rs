@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::link::rtde::program::{Program, WatchdogAction};
+use crate::link::rtde::wire::Protocol;
 use crate::link::rtde::{Event, RtdeClient};
 use crate::sim::ur::robot::Generation;
 use screed_kernel::arms::ur::UR10E;
@@ -29,6 +30,7 @@ fn options(record: Option<PathBuf>) -> ServeOptions {
         port: 0,
         allow_remote: false,
         record,
+        rtde_protocol: Protocol::Two,
         exit_when_idle: Some(Duration::from_millis(200)),
         json: false,
         fieldbus: Fieldbus::Off,
