@@ -56,7 +56,8 @@ def check_dashboard(robot, dashboard, cb3):
     assert version.startswith("3.15." if cb3 else "5."), version
     if not cb3:
         assert dashboard.getSerialNumber().isdigit() and dashboard.getRobotModel() == "UR10"
-        assert dashboard.isInRemoteControl() is True
+        # Remote control is not chosen: everybody may command.
+        assert dashboard.isInRemoteControl() is False
     expect("robot mode", (dashboard.robotmode(), robot.getRobotMode()), ("Robotmode: POWER_OFF", 3))
     dashboard.powerOn()
     until("power", lambda: dashboard.robotmode() == "Robotmode: IDLE" and robot.getRobotMode() == 5)

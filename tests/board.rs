@@ -169,8 +169,11 @@ impl Scene {
 
     /// Prints to the end or to the first error; then the host is gone, and what it sent is played for twelve seconds.
     fn print(&self, mut plot: Plot) -> Run {
-        let wishes =
-            Wishes { plan: PlanOptions { from_layer: 0, layers: Some(1), dry: false }, stop_after: plot.stop_after };
+        let wishes = Wishes {
+            plan: PlanOptions { from_layer: 0, layers: Some(1), dry: false },
+            stop_after: plot.stop_after,
+            first_layer_rate: None,
+        };
         let mut session = Session::new(&self.cell, &self.model, wishes, None);
         session.job().over_a_line(921_600);
         let mut board = Board::new();
@@ -238,7 +241,7 @@ fn in_virtual_time(scene: &Scene, rate_hz: u32) -> u64 {
     let print = Print {
         cell: &scene.cell,
         model: &scene.model,
-        wishes: Wishes { plan, stop_after: None },
+        wishes: Wishes { plan, stop_after: None, first_layer_rate: None },
         log: None,
         source: ("wall.ifc", b""),
         yes: true,

@@ -5,6 +5,7 @@ mod common;
 use common::{demo_limits, judge, read_record, received};
 use screed::config;
 use screed::failure::{Exit, Failure};
+use screed::log::{CycleRecord, Flags, LogReader};
 use screed::model::fim;
 use screed::run::demo::{Demo, program};
 use screed::run::print::Print;
@@ -265,4 +266,42 @@ fn the_larger_model_is_printed_each_layer_in_its_seventy_seconds() {
     let tool = cell.tool.flange_from_tcp.translation.z;
     let period = 1.0 / f64::from(cell.link.rate_hz);
     judge(&received(&read_record(&record)), period, &common::Limits { tool, ..demo_limits() });
+}
+
+/// The first layer of a robot that counts as real is laid at half its planned speed, the second as planned, on the same path.
+#[test]
+fn a_first_layer_at_half_speed_is_the_same_layer_and_the_next_one_is_as_planned() {
+    let cell = config::Cell::demo(125).unwrap();
+    let wall = quarter_circle(&QuarterCircle { layers: 2, layer_time: 36.0, ..QuarterCircle::default() });
+    let model = fim::parse("wall.ifc", wall.as_bytes()).unwrap();
+    let folder = TempDir::new().unwrap();
+    let run = |first_layer_rate: Option<f64>| {
+        let log = folder.path().join("cycles.screedlog");
+        let wishes = Wishes { first_layer_rate, ..Wishes::default() };
+        let (source, log) = (("wall.ifc", wall.as_bytes()), Some(log.clone()));
+        let print = Print { cell: &cell, model: &model, wishes, log: log.clone(), source, yes: true, quiet: true };
+        let program = program(&cell).unwrap();
+        let summary = virtual_time::print(&print, Virtual { program, fault: None, record: None, quiet: true }).unwrap();
+        let records: Vec<_> = LogReader::open(&log.unwrap()).unwrap().map(Result::unwrap).collect();
+        (summary, records)
+    };
+    let ((usual, as_planned), (summary, records)) = (run(None), run(Some(0.5)));
+    assert_eq!((summary.outcome, summary.figures.skipped), ("complete", 0));
+    assert_eq!(summary.figures.sent, usual.figures.sent);
+    let deposit = |records: &[CycleRecord], layer| {
+        records.iter().filter(|record| record.flags.contains(Flags::DEPOSIT) && record.layer == layer).count()
+    };
+    // In cycles: the first layer takes twice as long, the second as long.
+    let [first, second] = [0, 1].map(|layer| deposit(&records, layer) as f64 / deposit(&as_planned, layer) as f64);
+    assert!((1.98..2.02).contains(&first) && (0.999..1.001).contains(&second), "{first} {second}");
+    let rates =
+        |layer| records.iter().filter(move |r| r.flags.contains(Flags::DEPOSIT) && r.layer == layer).map(|r| r.rate);
+    assert!(rates(0).all(|rate| rate == 0.5) && rates(1).all(|rate| rate == 1.0));
+    assert!(
+        records.iter().all(|record| record.rate <= 0.5 || record.layer > 0 || !record.flags.contains(Flags::DEPOSIT))
+    );
+    // Nowhere faster than planned, and as much is laid.
+    let (most, planned) = (summary.figures.volume_m3, usual.figures.volume_m3);
+    assert!((most / planned - 1.0).abs() < 1e-3, "{most} {planned}");
+    assert!(summary.figures.commanded_contour.max().unwrap() < 1e-5);
 }

@@ -11,7 +11,7 @@ use screed_kernel::units::Nanos;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::os::fd::AsRawFd;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -31,11 +31,15 @@ fn process(cell: &Cell) -> (Core, Extruder) {
     (core, Extruder::new(cell.extruder.flow_max, TIME_CONSTANT).unwrap())
 }
 
-fn exchange_extruder(core: &mut Core, extruder: &mut Extruder, now: Nanos) {
+/// Bytes of a telegram of the robot (docs/rtde.md).
+const TELEGRAM: f64 = 224.0;
+
+/// `cycles` of the robot have gone by, or a part of one.
+fn exchange_extruder(core: &mut Core, extruder: &mut Extruder, now: Nanos, cycles: f64) {
     let mut bytes = [0; 512];
     let count = core.to_extruder(now, &mut bytes);
     extruder.handle_bytes(&bytes[..count]);
-    extruder.step(0.002);
+    extruder.step(0.002 * cycles);
     let count = extruder.poll_transmit(&mut bytes);
     core.on_extruder(now, &bytes[..count]);
 }
@@ -57,20 +61,17 @@ fn narrow(descriptor: i32, option: i32) {
     assert_eq!(set, 0);
 }
 
-/// The controller behind a wire that carries each byte by itself, both ways.
-fn byte_by_byte(cell: &Cell, mut wire: TcpStream, cycles: usize, over: &AtomicBool) -> (u32, bool) {
+/// The controller behind a wire that carries each byte by itself, both ways. Its next telegram comes when the last has been
+/// read, as `heard` counts: a machine that is slow with single bytes is not to answer what lies in its buffers.
+fn byte_by_byte(cell: &Cell, mut wire: TcpStream, cycles: usize, heard: &AtomicUsize) -> (u32, bool) {
     let (mut controller, client) = controller(cell);
     wire.set_nodelay(true).unwrap();
     wire.set_nonblocking(true).unwrap();
     let (mut bytes, mut byte) = ([0; 4096], [0]);
-    let mut packages = 0;
-    for cycle in 0..100 * cycles {
-        // A slow machine takes more of them.
-        if cycle >= cycles && packages > 60 {
-            break;
-        }
+    let (mut packages, mut said) = (0, 0);
+    for _ in 0..cycles {
         let until = Instant::now() + Duration::from_millis(2);
-        while Instant::now() < until {
+        while Instant::now() < until || heard.load(Ordering::Relaxed) < said {
             match wire.read(&mut byte) {
                 Ok(1) => controller.handle_bytes(client, &byte),
                 _ => thread::yield_now(),
@@ -83,9 +84,9 @@ fn byte_by_byte(cell: &Cell, mut wire: TcpStream, cycles: usize, over: &AtomicBo
         for byte in &bytes[..count] {
             wire.write_all(&[*byte]).unwrap();
         }
+        said += count;
         wire.set_nonblocking(true).unwrap();
     }
-    over.store(true, Ordering::Relaxed);
     assert_eq!(i64::from(controller.last_cycle().seq), i64::from(packages), "a package was lost, or sent twice");
     (packages, controller.is_connected(client))
 }
@@ -97,16 +98,16 @@ fn a_peer_that_reads_and_writes_one_byte_at_a_time_gets_whole_packages_each_once
     (cell.link.timeout, cell.link.watchdog) = (10.0, 10.0);
     cell.realtime.overruns_max = 1_000_000;
     let (mut line, wire) = connected();
-    let over = AtomicBool::new(false);
+    let heard_in_all = AtomicUsize::new(0);
     let start = Instant::now();
     let now = || Nanos(start.elapsed().as_nanos() as u64);
     thread::scope(|scope| {
-        let peer = scope.spawn(|| byte_by_byte(&cell, wire, 700, &over));
+        let peer = scope.spawn(|| byte_by_byte(&cell, wire, 700, &heard_in_all));
         let (mut core, mut extruder) = process(&cell);
         // Less than a telegram: each comes in parts, whatever the system makes of single bytes.
         let mut bytes = [0; 61];
         let mut stamped = 0_u32;
-        while !over.load(Ordering::Relaxed) {
+        while !peer.is_finished() {
             line.send(|out| core.to_robot(now(), out)).unwrap();
             let heard = line.read(&mut bytes);
             if let Heard::Bytes { count, age } = heard {
@@ -115,7 +116,9 @@ fn a_peer_that_reads_and_writes_one_byte_at_a_time_gets_whole_packages_each_once
                 let slot = Slot { began: heard.ready_at(now()), missed: 0, line_free: line.is_free() };
                 core.answer(now(), slot).unwrap();
                 core.finish_cycle(now(), now());
-                exchange_extruder(&mut core, &mut extruder, now());
+                // By the wire's time, not by how many pieces it came in.
+                exchange_extruder(&mut core, &mut extruder, now(), count as f64 / TELEGRAM);
+                heard_in_all.fetch_add(count, Ordering::Relaxed);
             } else {
                 thread::yield_now();
             }
@@ -216,7 +219,7 @@ fn a_slot_for_which_the_line_is_not_free_is_missed_and_nothing_is_queued_behind(
         assert!(line_free || count == 0, "cycle {cycle}: {count} bytes");
         sent += u64::from(count == 56);
         controller.handle_bytes(client, &bytes[..count]);
-        exchange_extruder(&mut core, &mut extruder, now);
+        exchange_extruder(&mut core, &mut extruder, now, 1.0);
     }
     let pace = core.pace();
     assert!(sent > 900 && sent < 1000 - busy, "{sent} setpoints");

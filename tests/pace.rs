@@ -29,7 +29,11 @@ fn world(cell: &Cell) -> World {
 }
 
 fn layers(count: usize) -> Wishes {
-    Wishes { plan: PlanOptions { from_layer: 0, layers: Some(count), dry: false }, stop_after: None }
+    Wishes {
+        plan: PlanOptions { from_layer: 0, layers: Some(count), dry: false },
+        stop_after: None,
+        first_layer_rate: None,
+    }
 }
 
 /// The distinct setpoints that the robot received: one a package, none lost, in order.

@@ -83,9 +83,14 @@ fn a_print_against_machines_started_by_hand_is_told_what_is_wrong_with_them() {
     // No such extruder.
     let gone = fs::read_to_string(&cell).unwrap().replace(&device, "/dev/none");
     fs::write(&cell, gone).unwrap();
+    let robot = scene.screed(&["sim", "ur", "--json", "--port", &port.to_string(), "--exit-when-idle", "20"]).spawn();
+    let mut robot = robot.unwrap();
+    announced(&mut robot, "listening");
     let (code, _, error) = print(&[]);
     assert_eq!(code, Some(4), "{error}");
     assert!(error.contains("/dev/none"), "{error}");
+    robot.kill().unwrap();
+    robot.wait().unwrap();
     extruder.kill().unwrap();
     extruder.wait().unwrap();
 }

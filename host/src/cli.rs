@@ -4,6 +4,7 @@ pub mod args;
 mod bench;
 mod calibrate;
 mod check;
+mod controller;
 mod demo;
 mod doctor;
 mod latency;

@@ -15,7 +15,7 @@ mod tests;
 pub use error::{ConfigError, Fault, Finding};
 
 use crate::link::rtde::file::RecipeFile;
-use crate::robot::calibration::Calibrated;
+use crate::robot::calibration::{self, Calibrated};
 use read::Document;
 use screed_kernel::arm::Arm;
 use screed_kernel::control::Settings;
@@ -65,6 +65,10 @@ pub struct Robot {
     pub arm: Arm<6>,
     /// The unit's calibration.
     pub calibration: Option<Calibrated>,
+    /// Whether the calibration is to be read from the controller; until [`Cell::calibrate`] the geometry is nominal.
+    pub calibration_of_controller: bool,
+    /// The serial number of the unit, as its controller tells it.
+    pub serial: Option<String>,
     /// Whether a simulated controller answers at the link's address. A robot that is not simulated moves only when a
     /// person says so on the command line.
     pub simulated: bool,
@@ -80,6 +84,8 @@ pub struct Robot {
     pub following_error_max: f64,
     /// Largest difference between commanded and estimated joints (rad) before the job stops, where there is an estimator.
     pub deviation_max: f64,
+    /// Rate of the path clock (0 to 1) at which a robot that is not simulated prints its first layer.
+    pub first_layer_rate: f64,
 }
 
 /// What is mounted on the flange.
@@ -87,6 +93,10 @@ pub struct Robot {
 pub struct Tool {
     /// The nozzle's tip, z out of the nozzle, in the flange frame.
     pub flange_from_tcp: Pose,
+    /// Its mass with what hangs on it (kg), to be the controller's payload.
+    pub payload: Option<f64>,
+    /// The centre of that mass in the flange frame (m).
+    pub payload_cog: Option<[f64; 3]>,
 }
 
 /// Where the part is built.
@@ -261,6 +271,21 @@ pub fn load(path: &Path) -> Result<Cell, ConfigError> {
     parse(&path.to_string_lossy(), &text)
 }
 
+/// Reads a cell file for a process that moves the robot: with the unit's calibration from `calibration`, where the cell takes the
+/// controller's.
+///
+/// # Errors
+/// As [`load`]; and when one of the two is given without the other, or the calibration is none.
+pub fn load_to_move(path: &Path, unit: Option<&Path>) -> Result<Cell, ConfigError> {
+    let mut cell = load(path)?;
+    match (cell.robot.calibration_of_controller, unit) {
+        (true, Some(unit)) => cell.calibrate(calibration::load(unit, &cell.robot.arm)?),
+        (false, None) => {}
+        (is_wanted, _) => return Err(ConfigError::ControllersCalibration { is_wanted }),
+    }
+    Ok(cell)
+}
+
 /// Reads a cell from the text of a cell file; `name` is the file's name for messages.
 ///
 /// # Errors
@@ -276,6 +301,15 @@ pub fn parse(name: &str, text: &str) -> Result<Cell, ConfigError> {
 }
 
 impl Cell {
+    /// Takes the arm of a unit instead of the nominal one.
+    pub const fn calibrate(&mut self, unit: Calibrated) {
+        let speeds = self.robot.arm.velocity_max;
+        self.robot.arm = unit.arm;
+        // Where no data sheet gives speeds, the cell does.
+        self.robot.arm.velocity_max = speeds;
+        self.robot.calibration = Some(unit);
+    }
+
     /// The cell of `screed demo`, `fixtures/cells/demo.toml`, at the given rate (Hz).
     ///
     /// # Errors

@@ -1,4 +1,6 @@
 //! Sans-IO state machines, one per wire.
 
+pub mod dashboard;
 pub mod extruder;
+pub mod primary;
 pub mod rtde;

@@ -11,8 +11,10 @@ macro_rules! note {
 
 pub mod account;
 pub mod children;
+pub mod controller;
 pub mod core;
 pub mod demo;
+pub mod first_layer;
 pub mod grid;
 pub mod job;
 pub mod line;

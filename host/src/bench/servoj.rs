@@ -153,7 +153,11 @@ fn print(cell: &Cell, model: &FimModel, options: &Options, layers: usize) -> Res
     let controller = Controller::new(&cell.robot.arm, options.clone()).map_err(|error| set_up(&error))?;
     let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT).map_err(|error| set_up(&error))?;
     let mut world = World::new(cell, controller, extruder, None).map_err(VirtualError::from)?;
-    let wishes = Wishes { plan: PlanOptions { from_layer: 0, layers: Some(layers), dry: false }, stop_after: None };
+    let wishes = Wishes {
+        plan: PlanOptions { from_layer: 0, layers: Some(layers), dry: false },
+        stop_after: None,
+        first_layer_rate: None,
+    };
     record(&mut world, &mut Session::new(cell, model, wishes, None))
 }
 

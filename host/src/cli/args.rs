@@ -1,20 +1,24 @@
 //! The arguments of every command, as clap reads them. What needs the cell to be judged has a `checked` of its own.
 
 mod realtime;
+mod robot;
 mod rtde;
+mod sim;
 mod wcet;
 
 use crate::config::Cell;
 use crate::failure::{Exit, Failure};
-use crate::link::rtde::wire::Protocol;
 use crate::sim::line::LineFault;
-use crate::sim::ur::robot::Generation;
-use std::net::IpAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
 pub use realtime::{DoctorArgs, LatencyArgs, Yardstick};
+pub use robot::{
+    ActArgs, ControllerCalibrationArgs, ControllerOf, PlayArgs, ProgramArgs, RobotCheckArgs, RobotCommand,
+    RobotListArgs, RobotOf, RobotShowArgs, StatusArgs,
+};
 pub use rtde::{RtdeCommand, RtdeRecordArgs};
+pub use sim::{SimUrArgs, StartDeg};
 pub use wcet::WcetArgs;
 
 /// `screed demo`
@@ -149,6 +153,12 @@ pub struct PrintArgs {
     /// The robot of the cell file is real and may move
     #[arg(long)]
     pub real_robot: bool,
+    /// The serial number of the real robot that may move; without it, it is asked for
+    #[arg(long, value_name = "NUMBER", requires = "real_robot")]
+    pub serial: Option<String>,
+    /// Send Screed's program to the controller and start it, where none plays; asks first
+    #[arg(long, conflicts_with_all = ["fast", "board"])]
+    pub upload: bool,
     /// Simulate it: robot, extruder and time, in one thread
     #[arg(long, conflicts_with_all = ["real_robot", "attach"])]
     pub fast: bool,
@@ -248,73 +258,6 @@ pub struct LogArgs {
     pub csv: Option<Option<PathBuf>>,
 }
 
-/// `screed robot`
-#[derive(Clone, Debug, PartialEq, clap::Subcommand)]
-pub enum RobotCommand {
-    /// The robots of the catalogue
-    List(RobotListArgs),
-    /// Print a robot: table, ranges, ratings
-    Show(RobotShowArgs),
-    /// Prove a robot: round trips, Jacobian, reach
-    Check(RobotCheckArgs),
-}
-
-/// `screed robot list`
-#[derive(Clone, Debug, PartialEq, clap::Args)]
-pub struct RobotListArgs {
-    /// As JSON, with the whole tables
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Which robot.
-#[derive(Clone, Debug, PartialEq, clap::Args)]
-pub struct RobotOf {
-    /// A name of the catalogue, an arm file (.toml) or a URDF (.urdf, .xml)
-    #[arg(value_name = "ROBOT")]
-    pub robot: String,
-    /// The calibration of a UR unit: the controller's .conf or ur_calibration's .yaml
-    #[arg(long, value_name = "FILE")]
-    pub calibration: Option<PathBuf>,
-    /// The base link of a URDF; without it, the root
-    #[arg(long, value_name = "LINK")]
-    pub base: Option<String>,
-    /// The tip link of a URDF, the flange; without it, the only end that the most joints move
-    #[arg(long, value_name = "LINK")]
-    pub tip: Option<String>,
-}
-
-/// `screed robot show`
-#[derive(Clone, Debug, PartialEq, clap::Args)]
-pub struct RobotShowArgs {
-    /// Which robot
-    #[command(flatten)]
-    pub robot: RobotOf,
-    /// As JSON, in SI units
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// `screed robot check`
-#[derive(Clone, Debug, PartialEq, clap::Args)]
-pub struct RobotCheckArgs {
-    /// Which robot
-    #[command(flatten)]
-    pub robot: RobotOf,
-    /// How many joint vectors to draw
-    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = samples)]
-    pub count: usize,
-    /// The seed they follow from
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seed: u64,
-    /// Draw where the flange can be
-    #[arg(long, value_name = "FILE.svg")]
-    pub plot: Option<PathBuf>,
-    /// As JSON, in SI units
-    #[arg(long)]
-    pub json: bool,
-}
-
 /// `screed sim`
 #[derive(Clone, Debug, PartialEq, clap::Subcommand)]
 pub enum SimCommand {
@@ -323,57 +266,6 @@ pub enum SimCommand {
     /// A clay extruder on a pseudo-terminal
     Extruder(SimExtruderArgs),
 }
-
-/// `screed sim ur`
-#[derive(Clone, Debug, PartialEq, clap::Args)]
-pub struct SimUrArgs {
-    /// The robot, one of `screed robot list`; without it, the cell's
-    #[arg(long, value_name = "NAME")]
-    pub model: Option<String>,
-    /// The cell file that gives robot, start joints, tool and program; without it, the demo's cell
-    #[arg(long, value_name = "FILE.toml")]
-    pub cell: Option<PathBuf>,
-    /// Where to listen
-    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
-    pub host: IpAddr,
-    /// RTDE's port; scripts are taken on the three below it, the dashboard five below; 0 takes free ones
-    #[arg(long, value_name = "PORT", default_value_t = 30_004)]
-    pub port: u16,
-    /// The controller: cb3 (software 3.15, 125 Hz) or e-series (5.11, 500 Hz)
-    #[arg(long, value_name = "GENERATION", default_value = "e-series")]
-    pub controller: Generation,
-    /// The newest protocol of RTDE that it accepts: 1, or 2
-    #[arg(long, value_name = "VERSION", default_value = "2", value_parser = rtde_protocol)]
-    pub rtde_protocol: Protocol,
-    /// Start without power, brakes on, no program running
-    #[arg(long)]
-    pub power_off: bool,
-    /// Do not start the program with the controller
-    #[arg(long)]
-    pub no_autoplay: bool,
-    /// Let other machines connect; RTDE, dashboard and scripts have no password
-    #[arg(long)]
-    pub allow_remote: bool,
-    /// The joints it starts with, six numbers in degrees, instead of the cell's
-    #[arg(long, value_name = "J1,J2,J3,J4,J5,J6", value_parser = joints_deg, allow_hyphen_values = true)]
-    pub start_deg: Option<StartDeg>,
-    /// A robot program (URScript) instead of Screed's own
-    #[arg(long, value_name = "FILE")]
-    pub program: Option<PathBuf>,
-    /// Write what it received, as CSV with a row a cycle
-    #[arg(long, value_name = "FILE")]
-    pub record: Option<PathBuf>,
-    /// End when nobody has been connected for so long
-    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
-    pub exit_when_idle: Option<Duration>,
-    /// Say where it listens, and what it did, as JSON
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Six joints as a person types them (degrees).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StartDeg(pub [f64; 6]);
 
 /// `screed sim extruder`
 #[derive(Clone, Debug, PartialEq, clap::Args)]
@@ -397,14 +289,6 @@ fn rate(text: &str) -> Result<u32, String> {
         "125" => Ok(125),
         "500" => Ok(500),
         _ => Err("expected 125 or 500".to_owned()),
-    }
-}
-
-fn rtde_protocol(text: &str) -> Result<Protocol, String> {
-    match text {
-        "1" => Ok(Protocol::One),
-        "2" => Ok(Protocol::Two),
-        _ => Err("expected 1 or 2".to_owned()),
     }
 }
 
@@ -438,13 +322,6 @@ fn table(text: &str) -> Result<PathBuf, String> {
         Some("csv" | "json") => Ok(path),
         _ => Err("expected a name that ends with .csv or .json".to_owned()),
     }
-}
-
-fn joints_deg(text: &str) -> Result<StartDeg, String> {
-    let expected = || "expected six numbers from -360 to 360, separated by commas".to_owned();
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
-    let joints: [f64; 6] = numbers.map_err(|_| expected())?.try_into().map_err(|_| expected())?;
-    if joints.iter().all(|joint| (-360.0..=360.0).contains(joint)) { Ok(StartDeg(joints)) } else { Err(expected()) }
 }
 
 #[cfg(test)]

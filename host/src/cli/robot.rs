@@ -1,18 +1,29 @@
 //! `screed robot`
 
 use super::args::{RobotCheckArgs, RobotCommand, RobotListArgs, RobotOf, RobotShowArgs};
-use super::say;
+use super::{controller, say};
 use crate::failure::{Exit, Failure};
 use crate::robot::urdf::Ends;
 use crate::robot::{self, Description, calibration, examine, file, plot, report, urdf};
+use crate::run::controller::acts::Act;
 use std::path::Path;
 
-/// One of the three.
+/// One of them.
 pub fn run(command: &RobotCommand) -> Result<(), Failure> {
     match command {
         RobotCommand::List(args) => list(args),
         RobotCommand::Show(args) => show(args),
         RobotCommand::Check(args) => check(args),
+        RobotCommand::Status(args) => controller::status(args),
+        RobotCommand::PowerOn(args) => controller::act(args, Act::PowerOn),
+        RobotCommand::PowerOff(args) => controller::act(args, Act::PowerOff),
+        RobotCommand::BrakeRelease(args) => controller::act(args, Act::BrakeRelease),
+        RobotCommand::Unlock(args) => controller::act(args, Act::Unlock),
+        RobotCommand::Play(args) => controller::play(args),
+        RobotCommand::Stop(args) => controller::act(args, Act::Stop),
+        RobotCommand::ClosePopup(args) => controller::act(args, Act::ClosePopup),
+        RobotCommand::Program(args) => controller::program(args),
+        RobotCommand::Calibration(args) => controller::calibration(args),
     }
 }
 

@@ -41,6 +41,9 @@ pub fn ur(args: &SimUrArgs) -> Result<(), Failure> {
         rtde_protocol: args.rtde_protocol,
         exit_when_idle: args.exit_when_idle,
         json: args.json,
+        fieldbus: args.fieldbus,
+        faults: args.fault.clone(),
+        control: args.control,
         stop: signal::stop_requested,
     })?;
     Ok(())

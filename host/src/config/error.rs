@@ -1,6 +1,7 @@
 //! What can be wrong with a cell file.
 
 use crate::failure::{Excerpt, Exit, Failure, Problem};
+use crate::robot::RobotError;
 use std::path::PathBuf;
 
 /// The page that lists a cell file's keys.
@@ -23,6 +24,19 @@ pub enum ConfigError {
         /// All that was found, in the order of the file; at least one.
         findings: Vec<Finding>,
     },
+    /// The controller's calibration is given and not wanted, or the other way round.
+    #[error("{}", if *is_wanted {
+        "the cell takes the controller's calibration, and none was given"
+    } else {
+        "a controller's calibration was given, and the cell does not take one"
+    })]
+    ControllersCalibration {
+        /// Whether the cell takes it.
+        is_wanted: bool,
+    },
+    /// The controller's calibration is none.
+    #[error(transparent)]
+    Calibration(#[from] RobotError),
     /// The demo was asked for a rate that RTDE does not offer here.
     #[error("the demo cell has no rate of {found} Hz: expected 125 or 500")]
     DemoRate {
@@ -137,6 +151,12 @@ impl From<ConfigError> for Failure {
             ConfigError::Read { .. } => {
                 Self::new(Exit::Input, error.to_string(), "check the path and that the file may be read")
             }
+            ConfigError::ControllersCalibration { .. } => Self::new(
+                Exit::Usage,
+                error.to_string(),
+                "write it with screed robot calibration --out and give it with --calibration, to a cell with calibration = \"controller\"",
+            ),
+            ConfigError::Calibration(error) => error.into(),
             ConfigError::DemoRate { .. } => Self::new(Exit::Usage, error.to_string(), "give --rate 125 or --rate 500"),
             ConfigError::Invalid { findings } => {
                 let problem = |finding: Finding| Problem {

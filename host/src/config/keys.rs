@@ -60,6 +60,7 @@ const DEG2_S5: Unit =
 const PER_S: Unit = Unit { suffix: "_per_s", words: "per second", to_si: plain };
 const S: Unit = Unit { suffix: "_s", words: "seconds", to_si: plain };
 const MS: Unit = Unit { suffix: "_ms", words: "milliseconds", to_si: milli };
+const KG: Unit = Unit { suffix: "_kg", words: "kilograms", to_si: plain };
 const HZ: Unit = Unit { suffix: "_hz", words: "hertz", to_si: turns };
 pub(crate) const NONE: Unit = Unit { suffix: "", words: "no unit", to_si: plain };
 
@@ -67,7 +68,7 @@ pub(crate) const NONE: Unit = Unit { suffix: "", words: "no unit", to_si: plain 
 pub(crate) const UNIT_SUFFIXES: &[&str] = &[
     "_deg2_s5", "_rad2_s5", "_per_s", "_mm3_s", "_cm3_s", "_m3_s", "_ml_s", "_l_s", "_deg_s3", "_deg_s2", "_deg_s",
     "_rad_s3", "_rad_s2", "_rad_s", "_mm_s3", "_mm_s2", "_mm_s", "_cm_s", "_m_s3", "_m_s2", "_m_s", "_degrees", "_deg",
-    "_rad", "_mm", "_cm", "_um", "_ms", "_us", "_ns", "_min", "_hz", "_m", "_s",
+    "_rad", "_mm", "_cm", "_um", "_ms", "_us", "_ns", "_min", "_hz", "_kg", "_g", "_m", "_s",
 ];
 
 /// A key that takes numbers, each within `low..=high` in the key's own unit.
@@ -90,6 +91,9 @@ pub(crate) const JOINT_ACCELERATION: Number = number("joint_acceleration_max_deg
 pub(crate) const JOINT_JERK: Number = number("joint_jerk_max_deg_s3", DEG_S3, 1.0, 1_000_000.0);
 pub(crate) const FOLLOWING_ERROR: Number = number("following_error_max_deg", DEG, 0.01, 30.0);
 pub(crate) const DEVIATION: Number = number("deviation_max_deg", DEG, 0.01, 30.0);
+pub(crate) const FIRST_LAYER_RATE: Number = number("first_layer_rate", NONE, 0.05, 1.0);
+pub(crate) const PAYLOAD: Number = number("payload_kg", KG, 0.0, 100.0);
+pub(crate) const PAYLOAD_COG: Number = number("payload_cog_mm", MM, -2000.0, 2000.0);
 pub(crate) const XYZ: Number = number("xyz_mm", MM, -100_000.0, 100_000.0);
 pub(crate) const BOUNDS: [Number; 6] = [
     number("x_min_mm", MM, -100_000.0, 100_000.0),
@@ -170,6 +174,9 @@ pub(crate) const ALL: &[&Number] = &[
     &JOINT_JERK,
     &FOLLOWING_ERROR,
     &DEVIATION,
+    &FIRST_LAYER_RATE,
+    &PAYLOAD,
+    &PAYLOAD_COG,
     &XYZ,
     &BOUNDS[0],
     &BOUNDS[1],

@@ -162,6 +162,14 @@ impl<'r, 'a> Section<'r, 'a> {
         }
     }
 
+    /// As [`Section::numbers`], where the key may be absent: the outer `None` is an error, the inner an absent key.
+    pub fn numbers_if_given<const N: usize>(&mut self, key: &'static Number) -> Option<Option<[f64; N]>> {
+        match self.optional(key.name, Some(&key.unit)) {
+            None => Some(None),
+            Some(value) => self.many_numbers(key, value).map(Some),
+        }
+    }
+
     /// A text that is not empty.
     pub fn text(&mut self, name: &'static str) -> Option<&'r str> {
         let expected = "a text in quotes, not empty";

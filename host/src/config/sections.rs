@@ -19,6 +19,8 @@ use std::path::{Path, PathBuf};
 pub(super) const RATES_HZ: [i64; 2] = [125, 500];
 /// First register of the two ranges that RTDE clients may write.
 const REGISTER_OFFSETS: [i64; 2] = [0, 24];
+/// What `calibration` says when it is to be read from the controller.
+const OF_CONTROLLER: &str = "controller";
 const SECTIONS: [&str; 11] =
     ["robot", "tool", "base", "part", "workspace", "limits", "travel", "link", "lead", "extruder", "realtime"];
 
@@ -28,7 +30,7 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
     let name = top.text("name").map(str::to_owned);
     top.finish();
     let robot = robot(document);
-    let tool = pose(document, "tool");
+    let tool = tool(document);
     let base = pose(document, "base");
     let part = pose(document, "part");
     let workspace = workspace(document);
@@ -36,13 +38,13 @@ pub(super) fn cell(document: &mut Document<'_>) -> Option<Cell> {
     let travel = travel(document);
     let link = link(document, robot.as_ref().map(|robot| robot.simulated));
     let lead = control::lead(document, link.as_ref());
-    let tracked = control::tracked(document, tool, link.as_ref());
+    let tracked = control::tracked(document, tool.map(|tool| tool.flange_from_tcp), link.as_ref());
     let extruder = extruder(document);
     let realtime = realtime(document);
     Some(Cell {
         name: name?,
         robot: robot?,
-        tool: Tool { flange_from_tcp: tool? },
+        tool: tool?,
         part: Part { base_from_part: base?.inverse() * part? },
         workspace: workspace?,
         limits: limits?,
@@ -67,8 +69,11 @@ fn robot(document: &mut Document<'_>) -> Option<Robot> {
     let jerk = section.numbers(&keys::JOINT_JERK);
     let following_error_max = section.number(&keys::FOLLOWING_ERROR);
     let deviation_max = section.number_if_given(&keys::DEVIATION);
+    let serial = section.text_if_given("serial").map(|serial| serial.map(str::to_owned));
+    let first_layer_rate = section.number_or(&keys::FIRST_LAYER_RATE, 0.5);
     section.finish();
     let (nominal, velocity, calibration) = (arm?, JointVel(velocity?), calibration?);
+    let (calibration, calibration_of_controller) = calibration;
     let mut arm = calibration.map_or(nominal, |unit| unit.arm);
     if arm.velocity_max == Rating::Unknown {
         arm.velocity_max = Rating::Known(velocity);
@@ -77,6 +82,8 @@ fn robot(document: &mut Document<'_>) -> Option<Robot> {
         model: arm.name.to_owned(),
         arm,
         calibration,
+        calibration_of_controller,
+        serial: serial?,
         simulated: simulated?,
         start: JointPos(start?),
         joint_velocity_max: velocity,
@@ -85,6 +92,7 @@ fn robot(document: &mut Document<'_>) -> Option<Robot> {
         following_error_max: following_error_max?,
         // An estimate lags as the robot's own word does.
         deviation_max: deviation_max?.or(following_error_max)?,
+        first_layer_rate: first_layer_rate?,
     })
 }
 
@@ -97,11 +105,18 @@ fn arm(section: &mut Section<'_, '_>) -> Option<Arm<6>> {
     section.impossible("model", &format!("one of {}", names.join(", ")), &format!("{model:?}"))
 }
 
-/// Without the key, the nominal arm.
-fn calibration(section: &mut Section<'_, '_>, folder: &Path, arm: Option<&Arm<6>>) -> Option<Option<Calibrated>> {
-    let Some(file) = section.text_if_given("calibration")? else { return Some(None) };
+/// The unit's calibration, and whether it is the controller's, which is read before a print. Without the key the arm is nominal.
+fn calibration(
+    section: &mut Section<'_, '_>,
+    folder: &Path,
+    arm: Option<&Arm<6>>,
+) -> Option<(Option<Calibrated>, bool)> {
+    let Some(file) = section.text_if_given("calibration")? else { return Some((None, false)) };
+    if file == OF_CONTROLLER {
+        return Some((None, true));
+    }
     match calibration::load(&folder.join(file), arm?) {
-        Ok(unit) => Some(Some(unit)),
+        Ok(unit) => Some((Some(unit), false)),
         Err(error) => {
             let expected = format!("the calibration of a unit of {}", arm?.name);
             section.impossible("calibration", &expected, &error.to_string())
@@ -132,11 +147,25 @@ fn within_data_sheet(section: &mut Section<'_, '_>, wanted: [f64; 6], data_sheet
 
 fn pose(document: &mut Document<'_>, name: &'static str) -> Option<Pose> {
     let mut section = document.section(name);
+    let pose = pose_keys(&mut section);
+    section.finish();
+    pose
+}
+
+fn pose_keys(section: &mut Section<'_, '_>) -> Option<Pose> {
     let xyz = section.numbers(&keys::XYZ);
     let rpy = section.numbers(&keys::RPY);
-    section.finish();
     let [roll, pitch, yaw] = rpy?;
     Some(Pose::from_roll_pitch_yaw(Vector3::from(xyz?), roll, pitch, yaw))
+}
+
+fn tool(document: &mut Document<'_>) -> Option<Tool> {
+    let mut section = document.section("tool");
+    let pose = pose_keys(&mut section);
+    let payload = section.number_if_given(&keys::PAYLOAD);
+    let cog = section.numbers_if_given(&keys::PAYLOAD_COG);
+    section.finish();
+    Some(Tool { flange_from_tcp: pose?, payload: payload?, payload_cog: cog? })
 }
 
 /// May be left out, as may each of its keys.

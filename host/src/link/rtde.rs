@@ -12,6 +12,7 @@ mod connection;
 pub mod error;
 pub mod fields;
 pub mod file;
+pub mod look;
 mod plausible;
 pub mod program;
 pub mod reader;

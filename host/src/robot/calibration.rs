@@ -122,6 +122,57 @@ pub fn load(path: &Path, nominal: &Arm<6>) -> Result<Calibrated, RobotError> {
     read.and_then(|arm| compared(arm, nominal).map_err(|fault| (0..0, fault))).map_err(|(span, fault)| at(span, fault))
 }
 
+/// The unit whose whole table a controller tells, row by row: θ (rad), a, d (m), α (rad).
+///
+/// # Errors
+/// [`CalibrationFault::Deviation`].
+pub fn of_table(table: &ControllerTable, nominal: &Arm<6>) -> Result<Calibrated, CalibrationFault> {
+    let mut arm = *nominal;
+    for (dh, &[theta, a, d, alpha]) in arm.dh.iter_mut().zip(table) {
+        let (sin_alpha, cos_alpha) = alpha.sin_cos();
+        *dh = Dh { theta, d, a, sin_alpha, cos_alpha };
+    }
+    compared(arm, nominal)
+}
+
+/// A row a joint, as controllers tell it: θ (rad), a, d (m), α (rad).
+pub type ControllerTable = [[f64; 4]; 6];
+
+/// A file as a controller stores it, of the whole table that it tells: what [`load`] reads. A status is written where the
+/// calibration is linearised, as one that is not is read as the controller tells it all the same.
+pub fn conf(table: &ControllerTable, checksum: &[u32; 6], status: u32, nominal: &Arm<6>) -> String {
+    let rows = || table.iter().zip(&nominal.dh);
+    let list = |name: &str, deltas: Vec<f64>| {
+        let deltas: Vec<_> = deltas.iter().map(|delta| format!("{delta:?}")).collect();
+        format!("{name} = [{}]\n", deltas.join(", "))
+    };
+    let checksum: Vec<_> = checksum.iter().map(|sum| format!("{sum:#010x}")).collect();
+    [
+        "[mounting]\n".to_owned(),
+        list("delta_theta", rows().map(|(row, dh)| row[0] - dh.theta).collect()),
+        list("delta_a", rows().map(|(row, dh)| row[1] - dh.a).collect()),
+        list("delta_d", rows().map(|(row, dh)| row[2] - dh.d).collect()),
+        list("delta_alpha", rows().map(|(row, dh)| row[3] - RIGHT_ANGLE * dh.sin_alpha).collect()),
+        format!("joint_checksum = [{}]\n", checksum.join(", ")),
+        if status == 2 { "calibration_status = 2\n".to_owned() } else { format!("# calibration_status {status}\n") },
+    ]
+    .concat()
+}
+
+/// The same of a unit that was read already.
+pub fn conf_of(unit: &Calibrated, nominal: &Arm<6>) -> String {
+    conf(&unit.arm.dh.map(|dh| [dh.theta, dh.a, dh.d, dh.sin_alpha.atan2(dh.cos_alpha)]), &[0; 6], 2, nominal)
+}
+
+/// How far the flanges of two arms are apart at most, over seeded joint vectors of the first (m).
+pub fn distance(arm: &Arm<6>, other: &Arm<6>) -> f64 {
+    let mut random = Random::new(1);
+    let apart = |joints| (arm.forward(&joints).translation - other.forward(&joints).translation).norm();
+    let apart = (0..POSES).map(|_| apart(JointPos(random.joints(arm))));
+    // Not a number counts as far.
+    apart.fold(0.0, |max, apart| if apart <= max { max } else { apart })
+}
+
 type Located = (Range<usize>, CalibrationFault);
 
 /// Refuses an arm that is too far from the nominal one.

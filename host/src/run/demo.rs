@@ -67,6 +67,7 @@ impl Demo {
             wishes: Wishes {
                 plan: PlanOptions { from_layer: 0, layers: Some(self.layers), dry: false },
                 stop_after: self.stop_after,
+                first_layer_rate: None,
             },
             log: self.log.clone(),
             source: (MODEL_NAME, text.as_bytes()),

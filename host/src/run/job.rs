@@ -216,6 +216,11 @@ impl Job {
         }
     }
 
+    /// Asks for another rate of the path clock (0 to 1). Cycle records tell the one it has.
+    pub fn set_rate(&mut self, rate: f64) {
+        self.say(&ToKernel::Rate(rate));
+    }
+
     /// Comes to rest on the path, within a second.
     pub fn stop(&mut self) {
         match self.phase {

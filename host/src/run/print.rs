@@ -185,6 +185,7 @@ impl Driver {
     fn drive(&mut self, session: &mut Session<'_>, print: &Print<'_>) -> Result<&'static str, Failure> {
         let mut answer: Option<Receiver<bool>> = None;
         let mut told = false;
+        let mut slow = false;
         let mut stopping: Option<Instant> = None;
         loop {
             self.exchange(session)?;
@@ -202,6 +203,15 @@ impl Driver {
             for alarm in session.job().take_alarms() {
                 self.end_line();
                 note!("alarm: {alarm}");
+            }
+            if session.is_slow() != slow && session.plan().is_some() {
+                slow = !slow;
+                self.end_line();
+                let percent = print.wishes.first_layer_rate.unwrap_or(1.0) * 100.0;
+                match slow {
+                    true => note!("the first layer is laid at {percent:.0} % of its planned speed"),
+                    false => note!("the first layer is laid; the next ones go as planned"),
+                }
             }
             match session.step(self.started.elapsed().as_secs_f64())? {
                 Step::Running => {}

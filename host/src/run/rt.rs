@@ -39,6 +39,9 @@ pub struct RtArgs {
     /// The Unix socket on which the host is answered
     #[arg(long)]
     pub socket: PathBuf,
+    /// The unit's calibration, for a cell that takes the controller's
+    #[arg(long, value_name = "FILE.conf")]
+    pub calibration: Option<PathBuf>,
     /// The robot's address, instead of the cell file's
     #[arg(long, value_name = "HOST:PORT")]
     pub robot: Option<String>,
@@ -125,7 +128,7 @@ impl From<RtError> for Failure {
 /// [`RtError`].
 pub fn run(args: &RtArgs) -> Result<(), RtError> {
     signal::catch_stop()?;
-    let cell = config::load(&args.cell)?;
+    let cell = config::load_to_move(&args.cell, args.calibration.as_deref())?;
     let scheduling = realtime::enter(&cell.realtime);
     if !scheduling.realtime && !args.allow_non_rt {
         return Err(RtError::NotRealTime(scheduling.note));

@@ -9,6 +9,7 @@ use crate::plan::route::Route;
 use crate::plan::stream::{Batches, Setpoint as Planned};
 use crate::plan::{Options as PlanOptions, Plan, PlanError};
 use crate::run::account::Account;
+use crate::run::first_layer::FirstLayer;
 use crate::run::job::{Job, JobError, Outcome, Phase, Stamps};
 use crate::run::summary::Summary;
 use screed_kernel::frame::{CycleRecord, FaultReport, ModeCode};
@@ -36,6 +37,8 @@ pub struct Wishes {
     pub plan: PlanOptions,
     /// Stop on the path after so many seconds of motion.
     pub stop_after: Option<f64>,
+    /// Lay the first layer at this rate of the path clock (0 to 1).
+    pub first_layer_rate: Option<f64>,
 }
 
 /// What is left to do for whoever drives the session.
@@ -64,13 +67,18 @@ pub struct Session<'a> {
     began: Option<f64>,
     /// The path setpoint commanded last.
     at: Option<Planned>,
+    /// Where the first layer is laid slower.
+    first: Option<FirstLayer>,
+    /// The path clock's rate in the last cycle.
+    rate: f64,
 }
 
 impl<'a> Session<'a> {
     /// A session that attaches first.
     pub fn new(cell: &'a Cell, model: &'a FimModel, wishes: Wishes, log: Option<LogWriter>) -> Self {
         let job = Job::new(cell, Account::new(cell, &model.layers));
-        Self { cell, model, wishes, job, log, log_error: None, plan: None, began: None, at: None }
+        let first = wishes.first_layer_rate.map(FirstLayer::new);
+        Self { cell, model, wishes, job, log, log_error: None, plan: None, began: None, at: None, first, rate: 0.0 }
     }
 
     /// Bytes from the real-time process.
@@ -78,9 +86,10 @@ impl<'a> Session<'a> {
     /// # Errors
     /// [`SessionError`].
     pub fn handle_bytes(&mut self, bytes: &[u8]) -> Result<(), SessionError> {
-        let Self { job, log, log_error, at, .. } = self;
+        let Self { job, log, log_error, at, rate, .. } = self;
         job.handle_bytes(bytes, &mut |record, stamps, planned| {
             *at = planned.or(*at);
+            *rate = record.rate;
             if let Some(log) = log
                 && log_error.is_none()
             {
@@ -110,6 +119,9 @@ impl<'a> Session<'a> {
             }
             Phase::Streaming => {
                 let began = *self.began.get_or_insert(now);
+                if let Some(rate) = self.first.as_mut().and_then(|first| first.step(now, self.at.as_ref(), self.rate)) {
+                    self.job.set_rate(rate);
+                }
                 if self.wishes.stop_after.is_some_and(|limit| now - began >= limit) {
                     self.job.stop();
                 }
@@ -131,6 +143,11 @@ impl<'a> Session<'a> {
     /// Comes to rest on the path.
     pub fn stop(&mut self) {
         self.job.stop();
+    }
+
+    /// Whether the first layer is being laid slower than planned.
+    pub fn is_slow(&self) -> bool {
+        self.first.as_ref().is_some_and(|first| !first.is_laid())
     }
 
     /// The job.

@@ -38,7 +38,11 @@ pub fn soak(ticks: u64, takes: bool) -> Result<Memory, Failure> {
         Controller::new(&cell.robot.arm, options).map_err(|error| Failure::told(Exit::Input, error.to_string()))?;
     let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT)?;
     let mut world = World::new(&cell, controller, extruder, None).map_err(VirtualError::from)?;
-    let wishes = Wishes { plan: PlanOptions { from_layer: 0, layers: Some(layers), dry: false }, stop_after: None };
+    let wishes = Wishes {
+        plan: PlanOptions { from_layer: 0, layers: Some(layers), dry: false },
+        stop_after: None,
+        first_layer_rate: None,
+    };
     let mut session = Session::new(&cell, &model, wishes, None);
     world.count_memory();
     if takes {

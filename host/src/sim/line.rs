@@ -24,20 +24,28 @@ pub struct LineFault {
     pub after: u64,
 }
 
+impl std::str::FromStr for Spoil {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "size" => Ok(Self::Size),
+            "type" => Ok(Self::Type),
+            "short" => Ok(Self::Short),
+            "nan" => Ok(Self::NotANumber),
+            "impossible" => Ok(Self::Impossible),
+            _ => Err(format!("expected size, type, short, nan or impossible, found {text:?}")),
+        }
+    }
+}
+
 impl std::str::FromStr for LineFault {
     type Err = String;
 
     /// `KIND@COUNT`, for example `short@1000`.
     fn from_str(text: &str) -> Result<Self, String> {
         let (kind, after) = text.split_once('@').ok_or_else(|| format!("expected KIND@COUNT, found {text:?}"))?;
-        let spoil = match kind {
-            "size" => Spoil::Size,
-            "type" => Spoil::Type,
-            "short" => Spoil::Short,
-            "nan" => Spoil::NotANumber,
-            "impossible" => Spoil::Impossible,
-            _ => return Err(format!("expected size, type, short, nan or impossible, found {kind:?}")),
-        };
+        let spoil = kind.parse()?;
         let after = after.parse().map_err(|_| format!("expected a count of packages, found {after:?}"))?;
         Ok(Self { spoil, after })
     }
@@ -86,11 +94,12 @@ impl BadLine {
     }
 }
 
-fn spoil(out: &mut Vec<u8>, start: usize, spoil: Spoil) {
+/// Spoils the data package that begins at `start` and ends `out`.
+pub fn spoil(out: &mut Vec<u8>, start: usize, spoil: Spoil) {
     let value = match spoil {
-        Spoil::Size => return out[start + 1] ^= 1,
-        Spoil::Type => return out[start + 2] ^= 1,
-        Spoil::Short => return out.truncate(out.len() - 1),
+        Spoil::Size => return out.get_mut(start + 1).into_iter().for_each(|byte| *byte ^= 1),
+        Spoil::Type => return out.get_mut(start + 2).into_iter().for_each(|byte| *byte ^= 1),
+        Spoil::Short => return out.truncate(out.len().saturating_sub(1)),
         Spoil::NotANumber => f64::NAN,
         Spoil::Impossible => 100.0,
     };

@@ -5,11 +5,18 @@
 //! What is modelled and what is not is said where it happens: [`servo`] and [`body`] for the motion, [`script`] for the
 //! program, [`session`] for RTDE, [`dashboard`] for its commands, [`robot`] for power and safety.
 
+pub mod act;
 pub mod body;
+mod cell;
 mod cycle;
 pub mod dashboard;
 mod fields;
+pub mod inputs;
 mod machine;
+mod messages;
+mod outputs;
+mod panel;
+mod properties;
 pub mod record;
 pub mod robot;
 pub mod script;
@@ -23,12 +30,15 @@ mod tests;
 pub use session::ClientId;
 
 use crate::config::Cell;
-use crate::link::rtde::TextLevel;
 use crate::link::rtde::wire::Protocol;
 use body::Body;
-use fields::{InputValues, Outputs};
+use cell::CellInputs;
+use dashboard::Desk;
+use inputs::Fieldbus;
 use machine::{Machine, WatchdogRequest};
-use robot::{Generation, Power, Refusal, Robot, Safety};
+use messages::{Mailbox, Message};
+use outputs::Outputs;
+use robot::{Generation, Power, Robot, Safety};
 use screed_kernel::arm::Arm;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
@@ -43,8 +53,9 @@ const SECONDS_AT_START: u64 = 41;
 const SECONDARY_MAX: usize = 8;
 /// Lines of the log that are kept.
 const LOG_MAX: usize = 1000;
-/// The installed program's name on the dashboard.
-const PROGRAM_NAME: &str = "screed.urp";
+/// The programs on the controller's disk: the installed one, and one that waits, for trying the dashboard.
+const PROGRAMS: [&str; 2] = ["screed.urp", "wait_program.urp"];
+const WAIT_PROGRAM: &str = "def wait_program():\n  while (True):\n    sleep(1)\n  end\nend\n";
 /// What the controller says its serial number is; a real one is of the same form.
 const SERIAL_NUMBER: &str = "20220000000";
 
@@ -175,6 +186,11 @@ pub struct Controller {
     sessions: BTreeMap<ClientId, Session>,
     clients: u64,
     machine: Option<Machine>,
+    /// The name of the program that runs or is held.
+    running: Option<String>,
+    mailbox: Mailbox,
+    /// The safety mode that was told last.
+    safety_told: i32,
     secondary: Vec<Machine>,
     runtime: RuntimeState,
     fault: Option<String>,
@@ -187,6 +203,19 @@ pub struct Controller {
     popup_holds: bool,
     log: VecDeque<String>,
     record: CycleRecord,
+    /// The time of cycle 0 (s).
+    first_second: u64,
+    /// Which of [`PROGRAMS`] is loaded.
+    loaded: usize,
+    desk: Desk,
+    cell: CellInputs,
+    fieldbus: Fieldbus,
+    /// Where the speed slider stands, 0 to 1.
+    speed_slider: f64,
+    /// First cycle in which RTDE sends again.
+    silent_until: u64,
+    /// First cycle in which there is time for data packages again.
+    skip_until: u64,
 }
 
 impl Controller {
@@ -207,21 +236,22 @@ impl Controller {
                 return Err(ControllerError::StartOutOfRange { joint, value, min, max });
             }
         }
-        let inputs = InputValues::new();
-        let (owners, updated) = (vec![None; inputs.len()], vec![false; inputs.len()]);
-        let (rate, software) = (options.generation.cycle_rate(), options.generation.software());
+        let (generation, rate) = (options.generation, options.generation.cycle_rate());
         let (start_q, tool, autoplay) = (options.start_q, options.flange_from_tcp, options.autoplay && options.powered);
         let power = if options.powered { Power::Running } else { Power::Off };
         let mut controller = Self {
             options,
-            exchange: Exchange { inputs, owners, updated, packages: 0, rate, software, protocol: Protocol::Two },
+            exchange: Exchange::new(generation),
             sessions: BTreeMap::new(),
             clients: 0,
             machine: None,
+            running: None,
+            mailbox: Mailbox::default(),
+            safety_told: 1,
             secondary: Vec::new(),
             runtime: RuntimeState::Stopped,
             fault: None,
-            robot: Robot { power, safety: Safety::Normal },
+            robot: Robot::new(power),
             body: Body::new(arm, speed_max, start_q, tool, 1.0 / f64::from(rate)),
             watchdogs: Vec::new(),
             outputs: Outputs::new(),
@@ -230,7 +260,7 @@ impl Controller {
             log: VecDeque::new(),
             record: CycleRecord {
                 cycle: 0,
-                timestamp: timestamp(0, rate),
+                timestamp: timestamp(SECONDS_AT_START, 0, rate),
                 received: false,
                 packages: 0,
                 seq: 0,
@@ -239,6 +269,14 @@ impl Controller {
                 actual_q: start_q,
                 runtime_state: RuntimeState::Stopped,
             },
+            first_second: SECONDS_AT_START,
+            loaded: 0,
+            desk: Desk::default(),
+            cell: CellInputs::default(),
+            fieldbus: Fieldbus::Off,
+            speed_slider: 1.0,
+            silent_until: 0,
+            skip_until: 0,
         };
         if autoplay {
             // Why not is kept, and told to every client.
@@ -256,7 +294,10 @@ impl Controller {
     pub fn connect(&mut self) -> ClientId {
         self.clients += 1;
         let id = ClientId(self.clients);
-        self.sessions.insert(id, Session::new(id));
+        let mut session = Session::new(id);
+        session.silent_until = self.silent_until;
+        session.begin(self.record.cycle, self.exchange.rate);
+        self.sessions.insert(id, session);
         id
     }
 
@@ -281,7 +322,7 @@ impl Controller {
             let was_started = session.is_started();
             session.handle_bytes(bytes, &mut self.exchange);
             if let (false, true, Some(fault)) = (was_started, session.is_started(), &self.fault) {
-                session.send_text(TextLevel::Error, fault);
+                session.greet(fault);
             }
         }
     }
@@ -291,12 +332,18 @@ impl Controller {
         self.sessions.get_mut(&client).map_or(0, |session| session.poll_transmit(out))
     }
 
-    /// Takes a program that came over one of the script ports: it replaces the one that runs, or with `sec` runs beside it.
+    /// Takes a program or a command that came over one of the script ports: a program replaces the one that runs, or with `sec` runs beside it.
     /// One that cannot be loaded, or not be run in this state, is announced and changes nothing else.
     pub fn upload(&mut self, text: &str) {
+        if self.obey(text) {
+            return;
+        }
         let script = match script::parse(text) {
             Ok(script) => script,
-            Err(error) => return self.announce(format!("script refused: {error}")),
+            Err(error) => {
+                self.tell(&Message::of_error(&error, text));
+                return self.announce(format!("script refused: {error}"));
+            }
         };
         if !self.robot.is_ready() {
             return self.announce("script refused: the robot is not ready to move".to_owned());
@@ -315,128 +362,11 @@ impl Controller {
     fn begin_program(&mut self, machine: Machine) {
         self.end_program();
         self.fault = None;
+        let name = machine.name().to_owned();
+        self.tell(&Message::Program { name: name.clone(), started: true });
+        self.running = Some(name);
         self.machine = Some(machine);
         self.runtime = RuntimeState::Playing;
-    }
-
-    /// Starts the installed program, or goes on with one that is held.
-    ///
-    /// # Errors
-    /// The robot is not ready, or the program cannot be loaded ([`Self::program_fault`]).
-    pub fn play(&mut self) -> Result<(), Refusal> {
-        if !self.robot.is_ready() {
-            self.announce("play refused: the robot is not ready to move".to_owned());
-            return Err(Refusal::State);
-        }
-        if self.runtime == RuntimeState::Paused {
-            self.popup_holds = false;
-            self.runtime = RuntimeState::Playing;
-            return Ok(());
-        }
-        match script::parse(&self.options.program) {
-            Ok(script) => {
-                self.begin_program(Machine::new(script));
-                Ok(())
-            }
-            Err(error) => {
-                self.stop_program(&error);
-                Err(Refusal::State)
-            }
-        }
-    }
-
-    /// Ends the program, if one runs.
-    pub fn stop(&mut self) {
-        self.end_program();
-    }
-
-    /// Holds the program.
-    ///
-    /// # Errors
-    /// None runs.
-    pub fn pause(&mut self) -> Result<(), Refusal> {
-        match self.runtime {
-            RuntimeState::Stopped => Err(Refusal::State),
-            RuntimeState::Playing | RuntimeState::Paused => {
-                self.runtime = RuntimeState::Paused;
-                Ok(())
-            }
-        }
-    }
-
-    /// Gives power to the motors.
-    ///
-    /// # Errors
-    /// An emergency stop, or a fault.
-    pub fn power_on(&mut self) -> Result<(), Refusal> {
-        self.robot.power_on()
-    }
-
-    /// Takes it away; a program that runs ends.
-    pub fn power_off(&mut self) {
-        self.end_program();
-        self.robot.power = Power::Off;
-    }
-
-    /// Releases the brakes.
-    ///
-    /// # Errors
-    /// An emergency stop, or a fault.
-    pub fn release_brakes(&mut self) -> Result<(), Refusal> {
-        self.robot.release_brakes()
-    }
-
-    /// Ends a protective stop. The program stays held until somebody plays it.
-    ///
-    /// # Errors
-    /// Younger than [`robot::UNLOCK_AFTER`], or another stop.
-    pub fn unlock_protective_stop(&mut self) -> Result<(), Refusal> {
-        self.robot.unlock()
-    }
-
-    /// Starts the safety system again after a fault or an emergency stop; the motors have no power then.
-    pub fn restart_safety(&mut self) {
-        if matches!(self.robot.safety, Safety::Fault | Safety::EmergencyStop) {
-            self.robot = Robot { power: Power::Off, safety: Safety::Normal };
-        }
-    }
-
-    /// The emergency stop button goes down: power goes, the program ends.
-    pub fn press_emergency_stop(&mut self) {
-        self.power_off();
-        self.robot.safety = Safety::EmergencyStop;
-        self.announce("emergency stop".to_owned());
-    }
-
-    /// Shows a message on the teach pendant, instead of the one before.
-    pub fn show_popup(&mut self, text: &str) {
-        self.popup = Some(text.to_owned());
-    }
-
-    /// The message that is shown.
-    pub fn popup(&self) -> Option<&str> {
-        self.popup.as_deref()
-    }
-
-    /// Closes it; a program that waits for that goes on.
-    pub fn close_popup(&mut self) {
-        self.popup = None;
-        if std::mem::take(&mut self.popup_holds) && self.runtime == RuntimeState::Paused && self.robot.is_ready() {
-            self.runtime = RuntimeState::Playing;
-        }
-    }
-
-    /// Adds a line to the log; old ones are dropped.
-    pub fn log(&mut self, line: &str) {
-        if self.log.len() >= LOG_MAX {
-            self.log.pop_front();
-        }
-        self.log.push_back(line.to_owned());
-    }
-
-    /// The log, oldest first: what programs and clients wrote, and why programs did not run.
-    pub fn log_lines(&self) -> impl Iterator<Item = &str> {
-        self.log.iter().map(String::as_str)
     }
 
     /// Power, brakes, safety.
@@ -452,11 +382,6 @@ impl Controller {
     /// Which controller it is.
     pub const fn generation(&self) -> Generation {
         self.options.generation
-    }
-
-    /// The installed program's name.
-    pub const fn program_name(&self) -> &'static str {
-        PROGRAM_NAME
     }
 
     /// The robot's serial number.
@@ -481,22 +406,13 @@ impl Controller {
 
     /// Whether the robot stands in a protective stop.
     pub const fn is_protective_stop(&self) -> bool {
-        matches!(self.robot.safety, Safety::ProtectiveStop { .. })
-    }
-
-    /// Keeps why the program does not run, and tells every client that has started.
-    fn announce(&mut self, fault: String) {
-        self.log(&fault);
-        for session in self.sessions.values_mut().filter(|session| session.is_started()) {
-            session.send_text(TextLevel::Error, &fault);
-        }
-        self.fault = Some(fault);
+        matches!(self.robot.safety(), Safety::ProtectiveStop { .. })
     }
 }
 
 /// Cycle counts are exact, so stamps are the nearest doubles to a multiple of the period and nothing adds up.
-fn timestamp(cycle: u64, rate: u32) -> f64 {
-    (SECONDS_AT_START * u64::from(rate) + cycle) as f64 / f64::from(rate)
+fn timestamp(first_second: u64, cycle: u64, rate: u32) -> f64 {
+    (first_second * u64::from(rate) + cycle) as f64 / f64::from(rate)
 }
 
 fn numbers(pose: &Pose) -> [f64; 6] {

@@ -116,7 +116,11 @@ impl<'a> Print<'a> {
         let client = controller.connect();
         let mut core = Core::new(cell, false, "virtual time").map_err(|error| failed(&error))?;
         core.on_host_attached();
-        let wishes = Wishes { plan: PlanOptions { from_layer: 0, layers: None, dry: false }, stop_after: None };
+        let wishes = Wishes {
+            plan: PlanOptions { from_layer: 0, layers: None, dry: false },
+            stop_after: None,
+            first_layer_rate: None,
+        };
         let none = Bytes::none;
         Ok(Self {
             core,

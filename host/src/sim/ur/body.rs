@@ -4,6 +4,8 @@
 //! trapezoid of speed, from rest to rest (an arm in motion brakes first); `speedj` and `speedl` with the acceleration that is
 //! asked for; `stopj` and `stopl` to rest. Blending (`r`) is not simulated: the arm comes to rest at each target.
 
+mod readings;
+
 use super::servo::{Servo, ServoCommand, TargetRefused};
 use nalgebra::Vector6;
 use screed_kernel::arm::Arm;
@@ -128,7 +130,12 @@ pub(super) struct Body {
     speed_max: JointVel<6>,
     pub flange_from_tcp: Pose,
     pub payload: Payload,
+    /// What gravity is opposed by, in the base frame (m/s²).
+    pub gravity: [f64; 3],
     dt: f64,
+    /// Joints and their speeds a cycle ago.
+    before: (JointPos<6>, JointVel<6>),
+    latest: (JointPos<6>, JointVel<6>),
     active: Option<Active>,
     history: Vec<[f64; 6]>,
     newest: usize,
@@ -143,7 +150,10 @@ impl Body {
             speed_max,
             flange_from_tcp,
             payload: Payload::default(),
+            gravity: [0.0, 0.0, 9.82],
             dt,
+            before: (start, JointVel::ZERO),
+            latest: (start, JointVel::ZERO),
             active: None,
             history: vec![start.0; HISTORY],
             newest: 0,
@@ -333,16 +343,6 @@ impl Body {
         Ok(speeds.into())
     }
 
-    /// The tool's velocity from the joints' (m/s, rad/s, base frame).
-    pub(super) fn tool_speed(&self) -> [f64; 6] {
-        let (base_from_flange, jacobian) = self.arm.jacobian(&self.servo.q);
-        let flange = jacobian * Vector6::from(self.servo.qd.0);
-        let lever = (base_from_flange * self.flange_from_tcp).translation - base_from_flange.translation;
-        let turning = nalgebra::Vector3::new(flange[3], flange[4], flange[5]);
-        let at_tool = nalgebra::Vector3::new(flange[0], flange[1], flange[2]) + turning.cross(&lever);
-        [at_tool.x, at_tool.y, at_tool.z, turning.x, turning.y, turning.z]
-    }
-
     /// Until the tool is at rest when it brakes so (s); never harder than the joints can.
     fn tool_braking_time(&self, deceleration: f64) -> f64 {
         let [x, y, z, ..] = self.tool_speed();
@@ -380,6 +380,8 @@ impl Body {
     }
 
     fn remember(&mut self) {
+        self.before = self.latest;
+        self.latest = (self.servo.q, self.servo.qd);
         self.newest = (self.newest + 1) % HISTORY;
         if let Some(place) = self.history.get_mut(self.newest) {
             *place = self.servo.q.0;

@@ -3,12 +3,16 @@
 use super::body::MotionRefused;
 use super::fields::Snapshot;
 use super::machine::{Machine, Notice, Surroundings, WatchdogRequest};
-use super::robot::{Power, Safety};
+use super::messages::Message;
+use super::robot::Power;
 use super::script::ScriptError;
 use super::session::Session;
 use super::streams::{Scene, Stream};
 use super::{Controller, CycleRecord, RuntimeState, Watchdog, numbers, timestamp};
 use crate::link::rtde::program::WatchdogAction;
+
+/// The code of a stop because a joint is not where it should be.
+const POSITION_OFF: i32 = 153;
 
 impl Controller {
     /// One control cycle: inputs, watchdogs, program, motion, outputs.
@@ -16,10 +20,17 @@ impl Controller {
         let cycle = self.record.cycle + 1;
         let packages = std::mem::take(&mut self.exchange.packages);
         self.robot.step(1.0 / f64::from(self.exchange.rate));
-        self.apply_written_outputs();
+        let wishes = std::mem::take(&mut self.exchange.wishes);
+        self.outputs.apply(&wishes);
+        self.speed_slider = wishes.speed_slider.unwrap_or(self.speed_slider);
         self.check_watchdogs(cycle);
         self.run_programs(cycle);
         self.move_joints();
+        let mode = self.robot.safety_mode();
+        if mode != self.safety_told {
+            self.safety_told = mode;
+            self.tell(&Message::Safety { mode });
+        }
         let first = usize::from(self.options.register_offset);
         let mut registers = [0.0; 6];
         for (register, value) in (first..).zip(&mut registers) {
@@ -27,7 +38,7 @@ impl Controller {
         }
         self.record = CycleRecord {
             cycle,
-            timestamp: timestamp(cycle, self.exchange.rate),
+            timestamp: timestamp(self.first_second, cycle, self.exchange.rate),
             received: packages > 0,
             packages,
             seq: self.exchange.inputs.int(first),
@@ -36,9 +47,11 @@ impl Controller {
             actual_q: self.body.servo.q,
             runtime_state: self.runtime,
         };
+        let rate = self.exchange.rate;
+        self.sessions.values_mut().for_each(|session| session.begin(cycle, rate));
         // Taken out, so that the rest can be looked at meanwhile.
         let mut sessions = std::mem::take(&mut self.sessions);
-        if sessions.values().any(Session::is_started) {
+        if cycle >= self.skip_until && sessions.values().any(Session::is_started) {
             let snapshot = self.snapshot();
             for session in sessions.values_mut() {
                 session.send_state(&snapshot, &self.exchange.inputs);
@@ -55,29 +68,13 @@ impl Controller {
             runtime: self.runtime,
             arm: &self.body.arm,
             generation: self.options.generation,
+            mailbox: &self.mailbox,
         });
     }
 
     /// Time passes without a cycle: for the robot's power and safety, whose times are a person's, not for its motion.
     pub fn stand_still(&mut self, seconds: f64) {
         self.robot.step(seconds);
-    }
-
-    /// What clients wrote since the last cycle; what they wrote before may have been overwritten by the program.
-    fn apply_written_outputs(&mut self) {
-        let groups = ["standard_digital_output", "configurable_digital_output", "tool_digital_output"];
-        for (bits, group) in self.outputs.digital.iter_mut().zip(groups) {
-            if self.exchange.inputs.is_digital_updated(group, &self.exchange.updated) {
-                *bits = self.exchange.inputs.digital(group, *bits);
-            }
-        }
-        if self.exchange.inputs.is_digital_updated("standard_analog_output", &self.exchange.updated) {
-            for (place, (written, is_voltage, share)) in self.exchange.inputs.analog().into_iter().enumerate() {
-                if written {
-                    self.outputs.set_analog(place, is_voltage, share);
-                }
-            }
-        }
     }
 
     fn check_watchdogs(&mut self, cycle: u64) {
@@ -117,7 +114,7 @@ impl Controller {
                 // The program may have stopped itself.
                 Ok(true) if self.runtime != RuntimeState::Stopped => self.machine = Some(machine),
                 Ok(_) => self.end_program(),
-                Err(error) => self.stop_program(&error),
+                Err(error) => self.stop_program(&error, ""),
             }
         }
         for mut machine in std::mem::take(&mut self.secondary) {
@@ -136,6 +133,7 @@ impl Controller {
             cycles_per_second: f64::from(self.exchange.rate),
             inputs: &self.exchange.inputs,
             outputs: &mut self.outputs,
+            cell: &self.cell,
             body: &mut self.body,
             may_move,
             watchdogs: &mut watchdogs,
@@ -147,7 +145,10 @@ impl Controller {
         }
         for notice in notices {
             match notice {
-                Notice::Text(text) => self.log(&text),
+                Notice::Text(text) => {
+                    self.log(&text);
+                    self.tell(&Message::Text(text));
+                }
                 Notice::Popup { text, blocking } => {
                     self.show_popup(&text);
                     if blocking && may_move {
@@ -155,33 +156,38 @@ impl Controller {
                         self.runtime = RuntimeState::Paused;
                     }
                 }
-                Notice::ProtectiveStop => self.stop_for(MotionRefused::Asked),
+                Notice::ProtectiveStop => self.stop_for(0, &MotionRefused::Asked.to_string()),
             }
         }
         ran
     }
 
     fn move_joints(&mut self) {
-        if self.robot.safety != Safety::Normal || self.robot.power != Power::Running {
+        if !self.robot.may_move() || self.robot.power != Power::Running {
             self.body.freeze();
         } else if self.runtime != RuntimeState::Playing {
             self.body.hold();
         } else if let Err(refused) = self.body.step() {
-            self.stop_for(refused);
+            let code = if matches!(refused, MotionRefused::Target(_)) { POSITION_OFF } else { 0 };
+            self.stop_for(code, &refused.to_string());
         }
     }
 
     /// A protective stop: the program is held until a person has unlocked and plays it again.
-    fn stop_for(&mut self, why: MotionRefused) {
-        self.robot.safety = Safety::ProtectiveStop { since: 0.0 };
+    pub(super) fn stop_for(&mut self, code: i32, why: &str) {
+        self.robot.stop();
+        self.tell(&Message::Stop { code, why: why.to_owned() });
         if self.runtime == RuntimeState::Playing {
             self.runtime = RuntimeState::Paused;
         }
-        self.announce(why.to_string());
+        self.announce(why.to_owned());
     }
 
     /// The program ends: its watchdogs and its movement go with it.
     pub(super) fn end_program(&mut self) {
+        if let Some(name) = self.running.take() {
+            self.tell(&Message::Program { name, started: false });
+        }
         self.machine = None;
         self.watchdogs.clear();
         self.body.abandon_all();
@@ -189,9 +195,16 @@ impl Controller {
         self.runtime = RuntimeState::Stopped;
     }
 
-    pub(super) fn stop_program(&mut self, error: &ScriptError) {
+    pub(super) fn stop_program(&mut self, error: &ScriptError, text: &str) {
+        self.tell(&Message::of_error(error, text));
         self.end_program();
         self.announce(format!("robot program stopped: {error}"));
+    }
+
+    /// Puts a message on port 30001.
+    pub(super) fn tell(&mut self, message: &Message) {
+        // Far below what a u64 holds: a controller runs for years at most.
+        self.mailbox.push(message, (self.record.timestamp * 1e6).round() as u64);
     }
 
     fn snapshot(&self) -> Snapshot<'_> {
@@ -207,7 +220,7 @@ impl Controller {
             tcp_pose: numbers(&body.base_from_tcp()),
             tcp_speed: body.tool_speed(),
             tcp_offset: numbers(&body.flange_from_tcp),
-            target_speed_fraction: self.exchange.inputs.speed_slider(),
+            target_speed_fraction: self.speed_slider,
             // 1: nothing scales the speed here.
             speed_scaling: 1.0,
             runtime_state: self.runtime.code(),
@@ -216,11 +229,11 @@ impl Controller {
             // Bit 0: power on; bit 1: program running.
             robot_status_bits: u32::from(self.robot.power != Power::Off) | u32::from(playing) << 1,
             safety_mode: self.robot.safety_mode(),
+            safety_status: self.robot.safety_status(),
             safety_status_bits: self.robot.safety_bits(),
-            payload: body.payload.mass,
-            payload_cog: body.payload.centre,
-            payload_inertia: body.payload.inertia,
-            arm: &body.arm,
+            script_line: self.machine.as_ref().map_or(0, Machine::line),
+            body,
+            cell: self.cell,
             digital_outputs: standard | configurable << 8 | tool << 16,
             outputs: self.outputs.clone(),
         }

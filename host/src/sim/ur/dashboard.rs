@@ -6,6 +6,21 @@
 use super::robot::{Generation, Refusal};
 use super::{Controller, RuntimeState};
 
+/// What is chosen on the teach pendant or here, and kept.
+#[derive(Clone, Debug)]
+pub(super) struct Desk {
+    /// As chosen on the e-Series: without it, everybody may command, and the robot says that it is not in remote control.
+    pub remote_control: bool,
+    user_role: String,
+    operational_mode: &'static str,
+}
+
+impl Default for Desk {
+    fn default() -> Self {
+        Self { remote_control: false, user_role: "NONE".to_owned(), operational_mode: "NONE" }
+    }
+}
+
 /// What it says to whom connects.
 pub const GREETING: &str = "Connected: Universal Robots Dashboard Server";
 /// Longest command; real ones are short, but for popups.
@@ -88,7 +103,12 @@ pub fn answer(line: &str, controller: &mut Controller) -> String {
         }
         "running" => format!("Program running: {}", controller.runtime_state() != RuntimeState::Stopped),
         "robotmode" => format!("Robotmode: {}", controller.robot().mode_name()),
-        "load" => load(argument, controller),
+        "load" if controller.load(argument) => format!("Loading program: {argument}"),
+        "load" => format!("File not found: {argument}"),
+        "load installation" if argument.rsplit('/').next() == Some(INSTALLATION) => {
+            format!("Loading installation: {argument}")
+        }
+        "load installation" => format!("File not found: {argument}"),
         "get loaded program" => format!("Loaded program: {}", controller.program_name()),
         "popup" => {
             controller.show_popup(argument);
@@ -105,8 +125,6 @@ pub fn answer(line: &str, controller: &mut Controller) -> String {
         "isProgramSaved" => format!("true {}", controller.program_name()),
         "programState" => format!("{} {}", state_name(controller.runtime_state()), controller.program_name()),
         "PolyscopeVersion" => version(controller.generation()),
-        "setUserRole" => format!("Setting user role: {argument}"),
-        "getUserRole" => "NONE".to_owned(),
         "power on" => outcome(controller.power_on(), "Powering on", "Failed to execute: power on"),
         "power off" => {
             controller.power_off();
@@ -126,39 +144,67 @@ pub fn answer(line: &str, controller: &mut Controller) -> String {
             controller.close_popup();
             "closing safety popup".to_owned()
         }
-        "safetymode" => format!("Safetymode: {}", controller.robot().safety_name()),
-        "safetystatus" => format!("Safetystatus: {}", controller.robot().safety_name()),
+        "safetymode" => format!("Safetymode: {}", controller.robot().safety_mode_name()),
+        "safetystatus" => format!("Safetystatus: {}", controller.robot().safety_status_name()),
         "restart safety" => {
             controller.restart_safety();
             "Restarting safety".to_owned()
         }
         "get serial number" => controller.serial_number().to_owned(),
         "get robot model" => controller.model_name(),
-        _ => of_e_series(command, argument, controller).unwrap_or_else(|| unknown(line)),
+        "saveLog" => "Log saved to disk".to_owned(),
+        // Nothing is written: the simulation has no disk. Names as on a robot.
+        "generate flight report" => "Flight Report generated with id:1".to_owned(),
+        "generate support file" => "Completed successfully: ursupport_1.zip".to_owned(),
+        _ => of_generation(command, argument, controller).unwrap_or_else(|| unknown(line)),
     }
 }
 
-/// What only the e-Series has.
-fn of_e_series(command: &str, argument: &str, controller: &Controller) -> Option<String> {
-    if controller.generation() != Generation::ESeries {
-        return None;
-    }
-    Some(match command {
-        "is in remote control" => "true".to_owned(),
-        "get operational mode" => "NONE".to_owned(),
-        "set operational mode" if matches!(argument, "manual" | "automatic") => {
-            format!("Setting operational mode: {argument}")
+/// What only one of the generations has.
+fn of_generation(command: &str, argument: &str, controller: &mut Controller) -> Option<String> {
+    let generation = controller.generation();
+    let desk = &mut controller.desk;
+    let upper = argument.to_uppercase();
+    Some(match (generation, command) {
+        (Generation::Cb3, "setUserRole") if USER_ROLES.contains(&upper.as_str()) => {
+            desk.user_role = upper;
+            format!("Setting user role: {argument}")
         }
-        "clear operational mode" => {
+        (Generation::Cb3, "setUserRole") => format!("Failed setting user role: {argument}"),
+        (Generation::Cb3, "getUserRole") => desk.user_role.clone(),
+        (Generation::ESeries, "is in remote control") => desk.remote_control.to_string(),
+        (Generation::ESeries, "get operational mode") => desk.operational_mode.to_owned(),
+        (Generation::ESeries, "set operational mode") => {
+            let Some(mode) = ["MANUAL", "AUTOMATIC"].into_iter().find(|mode| *mode == upper) else {
+                return Some(format!("Failed setting operational mode: {argument}"));
+            };
+            desk.operational_mode = mode;
+            format!("Operational mode {mode} is set")
+        }
+        (Generation::ESeries, "clear operational mode") => {
+            desk.operational_mode = "NONE";
             "No longer controlling the operational mode. Current operational mode: 'NONE'.".to_owned()
         }
+        (Generation::ESeries, "version") => generation.software().map(|part| part.to_string()).join("."),
         _ => return None,
     })
 }
 
+/// The installation on the controller's disk.
+const INSTALLATION: &str = "default.installation";
+const USER_ROLES: [&str; 5] = ["PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED"];
+
 /// Longer ones first: `popup` is not `close popup`, but `load installation` begins as `load`.
-const WITH_ARGUMENT: [&str; 6] =
-    ["load installation", "set operational mode", "setUserRole", "addToLog", "popup", "load"];
+const WITH_ARGUMENT: [&str; 8] = [
+    "generate flight report",
+    "generate support file",
+    "load installation",
+    "set operational mode",
+    "setUserRole",
+    "addToLog",
+    "popup",
+    "load",
+];
 
 fn split(line: &str) -> (&str, &str) {
     let found = WITH_ARGUMENT.into_iter().find_map(|command| {
@@ -174,14 +220,6 @@ fn unknown(line: &str) -> String {
 
 fn outcome(done: Result<(), Refusal>, told: &str, refused: &str) -> String {
     if done.is_ok() { told } else { refused }.to_owned()
-}
-
-fn load(name: &str, controller: &mut Controller) -> String {
-    if name != controller.program_name() {
-        return format!("File not found: {name}");
-    }
-    controller.stop();
-    format!("Loading program: {name}")
 }
 
 const fn state_name(state: RuntimeState) -> &'static str {
@@ -201,6 +239,7 @@ fn version(generation: Generation) -> String {
 mod tests {
     use super::*;
     use crate::sim::ur::Options;
+    use crate::sim::ur::act::{Act, SafetyInput};
     use screed_kernel::arms::ur::UR10E;
     use screed_kernel::pose::Pose;
     use screed_kernel::units::JointPos;
@@ -243,7 +282,7 @@ mod tests {
             ("power on", "Powering on"),
         ];
         converse(robot, &refused);
-        wait(robot, 0.5);
+        wait(robot, 0.1);
         converse(robot, &[("robotmode", "Robotmode: POWER_ON"), ("play", "Failed to execute: play")]);
         wait(robot, 1.0);
         converse(robot, &[("robotmode", "Robotmode: IDLE"), ("brake release", "Brake releasing")]);
@@ -269,7 +308,7 @@ mod tests {
         ];
         converse(robot, &played);
         // From no power at all the brakes take both times.
-        wait(robot, 1.2);
+        wait(robot, 0.3);
         converse(robot, &[("robotmode", "Robotmode: IDLE")]);
         wait(robot, 0.5);
         converse(
@@ -285,7 +324,7 @@ mod tests {
         let robot = &mut controller(far, Generation::ESeries);
         converse(robot, &[("brake release", "Brake releasing")]);
         wait(robot, 2.0);
-        converse(robot, &[("play", "Starting program"), ("is in remote control", "true")]);
+        converse(robot, &[("play", "Starting program"), ("is in remote control", "false")]);
         wait(robot, 2.0);
         let early = "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking";
         let stopped = [
@@ -311,10 +350,18 @@ mod tests {
             ("power on", "Failed to execute: power on"),
             ("unlock protective stop", "Failed to execute: unlock protective stop"),
             ("restart safety", "Restarting safety"),
-            ("robotmode", "Robotmode: POWER_OFF"),
-            ("power on", "Powering on"),
+            ("robotmode", "Robotmode: BOOTING"),
         ];
         converse(robot, &emergency);
+        wait(robot, 0.6);
+        let still_down = [
+            ("robotmode", "Robotmode: POWER_OFF"),
+            ("safetymode", "Safetymode: ROBOT_EMERGENCY_STOP"),
+            ("power on", "Failed to execute: power on"),
+        ];
+        converse(robot, &still_down);
+        robot.act(&Act::Safety(SafetyInput::RobotEmergency, false)).expect("a button");
+        converse(robot, &[("safetymode", "Safetymode: NORMAL"), ("power on", "Powering on")]);
     }
 
     #[test]

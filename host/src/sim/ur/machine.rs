@@ -10,7 +10,9 @@ mod calls;
 mod compute;
 
 use super::body::Body;
-use super::fields::{InputValues, Outputs};
+use super::cell::CellInputs;
+use super::inputs::InputValues;
+use super::outputs::Outputs;
 use super::script::ScriptError;
 use super::script::code::{Name, Op, Scope, Script, Value};
 use crate::link::rtde::program::WatchdogAction;
@@ -37,6 +39,8 @@ pub(super) struct Surroundings<'a> {
     pub inputs: &'a InputValues,
     /// The output registers and the digital outputs.
     pub outputs: &'a mut Outputs,
+    /// What the cell applies to the robot's inputs.
+    pub cell: &'a CellInputs,
     /// The arm.
     pub body: &'a mut Body,
     /// Whether the program may move it: a secondary one may not.
@@ -145,6 +149,16 @@ impl Machine {
     /// The program's name.
     pub(super) fn name(&self) -> &str {
         self.script.routines.first().map_or("", |routine| &routine.name)
+    }
+
+    /// The line that the program itself is in, 0 before its first.
+    pub(super) fn line(&self) -> u32 {
+        let frame = self.threads.first().and_then(|thread| thread.frames.last());
+        let line = frame.and_then(|frame| {
+            let code = &self.script.routines.get(frame.routine)?.code;
+            code.get(frame.next.checked_sub(1)?).map(|(line, _)| *line)
+        });
+        line.and_then(|line| u32::try_from(line).ok()).unwrap_or(0)
     }
 
     /// Runs every thread for one cycle; false when the program has ended.

@@ -41,15 +41,22 @@ impl std::str::FromStr for Generation {
 }
 
 /// How long motors take to be powered (s). A choice of the simulation: real ones take longer.
-const POWERING_ON: f64 = 1.0;
+const POWERING_ON: f64 = 0.25;
 /// How long brakes take to be released (s). A choice of the simulation.
-const RELEASING: f64 = 0.5;
+const RELEASING: f64 = 0.15;
+/// How long the safety system, or all of the controller, is "booting" (s). A choice of the simulation.
+const BOOTING: f64 = 0.5;
 /// A protective stop cannot be unlocked earlier than this (s), so that its cause is looked at.
 pub const UNLOCK_AFTER: f64 = 5.0;
 
 /// Motors and brakes. Times are what is left (s).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Power {
+    /// The controller or its safety system starts.
+    Booting {
+        /// Until there is no power, as it should be then.
+        left: f64,
+    },
     /// No power.
     Off,
     /// Power comes; whether the brakes shall be released then.
@@ -70,20 +77,59 @@ pub enum Power {
     Running,
 }
 
-/// What the safety system says.
+/// What the safety system says, the gravest first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Safety {
-    /// All is well.
-    Normal,
+    /// The safety system has failed; only a restart of it helps.
+    Fault,
+    /// The robot's emergency stop button is down.
+    RobotEmergencyStop,
+    /// An emergency stop of the system around the robot.
+    SystemEmergencyStop,
     /// Stopped because of something that a person has to look at.
     ProtectiveStop {
         /// For how long already (s).
         since: f64,
     },
-    /// The robot's emergency stop button is down.
-    EmergencyStop,
-    /// The safety system has failed; only a restart helps.
-    Fault,
+    /// A safeguard, a light curtain for example, holds the robot.
+    SafeguardStop,
+    /// The three-position switch is not held in its middle.
+    EnablingStop,
+    /// All is well, within reduced limits. The simulation's limits stay the same.
+    Reduced,
+    /// All is well.
+    Normal,
+}
+
+/// `safety_status` of RTDE, the dashboard's word, and the bits of `safety_status_bits`: 0 normal, 1 reduced,
+/// 2 protective stop, 4 safeguard stop, 5 system emergency stop, 6 robot emergency stop, 7 emergency stop, 9 fault, 10 stopped
+/// due to safety, 11 three-position switch.
+const fn told(safety: Safety) -> (i32, &'static str, u32) {
+    match safety {
+        Safety::Normal => (1, "NORMAL", 1),
+        Safety::Reduced => (2, "REDUCED", 1 << 1),
+        Safety::ProtectiveStop { .. } => (3, "PROTECTIVE_STOP", 1 << 2 | 1 << 10),
+        Safety::SafeguardStop => (5, "SAFEGUARD_STOP", 1 << 4 | 1 << 10),
+        Safety::SystemEmergencyStop => (6, "SYSTEM_EMERGENCY_STOP", 1 << 5 | 1 << 7 | 1 << 10),
+        Safety::RobotEmergencyStop => (7, "ROBOT_EMERGENCY_STOP", 1 << 6 | 1 << 7 | 1 << 10),
+        Safety::Fault => (9, "FAULT", 1 << 9 | 1 << 10),
+        Safety::EnablingStop => (13, "SYSTEM_THREE_POSITION_ENABLING_STOP", 1 << 10 | 1 << 11),
+    }
+}
+
+/// What is wired to the robot's safety inputs, as a person sets it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SafetyInputs {
+    /// The button on the robot is down.
+    pub robot_emergency: bool,
+    /// The emergency stop of the system around it.
+    pub system_emergency: bool,
+    /// The safeguard is open.
+    pub safeguard: bool,
+    /// The three-position switch is released, or pressed through.
+    pub enabling: bool,
+    /// Reduced limits are asked for.
+    pub reduced: bool,
 }
 
 /// An act that the robot's state does not allow.
@@ -100,17 +146,34 @@ pub enum Refusal {
 pub struct Robot {
     /// Motors and brakes.
     pub power: Power,
-    /// The safety system.
-    pub safety: Safety,
+    /// The safety inputs.
+    pub inputs: SafetyInputs,
+    /// A protective stop, and for how long already (s).
+    protective: Option<f64>,
+    fault: bool,
 }
 
 impl Robot {
+    /// A healthy robot.
+    pub const fn new(power: Power) -> Self {
+        let inputs = SafetyInputs {
+            robot_emergency: false,
+            system_emergency: false,
+            safeguard: false,
+            enabling: false,
+            reduced: false,
+        };
+        Self { power, inputs, protective: None, fault: false }
+    }
+
     /// One cycle later.
     pub(super) fn step(&mut self, dt: f64) {
-        if let Safety::ProtectiveStop { since } = &mut self.safety {
+        if let Some(since) = &mut self.protective {
             *since += dt;
         }
         self.power = match self.power {
+            Power::Booting { left } if left > dt => Power::Booting { left: left - dt },
+            Power::Booting { .. } => Power::Off,
             Power::PoweringOn { left, release } if left > dt => Power::PoweringOn { left: left - dt, release },
             Power::PoweringOn { release: true, .. } => Power::Releasing { left: RELEASING },
             Power::PoweringOn { release: false, .. } => Power::Idle,
@@ -120,14 +183,66 @@ impl Robot {
         };
     }
 
+    /// The gravest of what holds.
+    pub const fn safety(&self) -> Safety {
+        match (self.fault, self.inputs, self.protective) {
+            (true, ..) => Safety::Fault,
+            (_, SafetyInputs { robot_emergency: true, .. }, _) => Safety::RobotEmergencyStop,
+            (_, SafetyInputs { system_emergency: true, .. }, _) => Safety::SystemEmergencyStop,
+            (.., Some(since)) => Safety::ProtectiveStop { since },
+            (_, SafetyInputs { safeguard: true, .. }, _) => Safety::SafeguardStop,
+            (_, SafetyInputs { enabling: true, .. }, _) => Safety::EnablingStop,
+            (_, SafetyInputs { reduced: true, .. }, _) => Safety::Reduced,
+            _ => Safety::Normal,
+        }
+    }
+
+    /// Whether the safety system lets the arm move.
+    pub const fn may_move(&self) -> bool {
+        matches!(self.safety(), Safety::Normal | Safety::Reduced)
+    }
+
+    /// Whether it lets the motors have power.
+    pub const fn may_have_power(&self) -> bool {
+        !self.is_emergency() && !matches!(self.safety(), Safety::Fault)
+    }
+
+    /// Whether an emergency stop holds.
+    pub const fn is_emergency(&self) -> bool {
+        matches!(self.safety(), Safety::RobotEmergencyStop | Safety::SystemEmergencyStop)
+    }
+
     /// Whether a program can move the arm.
     pub fn is_ready(&self) -> bool {
-        self.power == Power::Running && self.safety == Safety::Normal
+        self.power == Power::Running && self.may_move()
+    }
+
+    /// Takes new safety inputs: an emergency stop takes the power away.
+    pub(super) fn set_inputs(&mut self, inputs: SafetyInputs) {
+        self.inputs = inputs;
+        if self.is_emergency() {
+            self.power = Power::Off;
+        }
+    }
+
+    /// A protective stop begins.
+    pub(super) const fn stop(&mut self) {
+        self.protective = Some(0.0);
+    }
+
+    /// The safety system fails: no power.
+    pub(super) const fn fail(&mut self) {
+        (self.fault, self.power) = (true, Power::Off);
+    }
+
+    /// The safety system starts again, or all of the controller: no power after that. A button that is down stays down.
+    pub(super) const fn restart(&mut self) {
+        *self = Self { inputs: self.inputs, ..Self::new(Power::Booting { left: BOOTING }) };
     }
 
     /// Gives power to the motors; no change where they have it.
     pub(super) fn power_on(&mut self) -> Result<(), Refusal> {
-        if matches!(self.safety, Safety::EmergencyStop | Safety::Fault) {
+        if !self.may_have_power() || matches!(self.power, Power::Booting { .. }) {
             return Err(Refusal::State);
         }
         if self.power == Power::Off {
@@ -149,20 +264,20 @@ impl Robot {
 
     /// Ends a protective stop that is old enough. Without one, nothing happens.
     pub(super) fn unlock(&mut self) -> Result<(), Refusal> {
-        match self.safety {
+        match self.safety() {
             Safety::ProtectiveStop { since } if since < UNLOCK_AFTER => Err(Refusal::TooEarly),
-            Safety::ProtectiveStop { .. } => {
-                self.safety = Safety::Normal;
+            Safety::RobotEmergencyStop | Safety::SystemEmergencyStop | Safety::Fault => Err(Refusal::State),
+            _ => {
+                self.protective = None;
                 Ok(())
             }
-            Safety::Normal => Ok(()),
-            Safety::EmergencyStop | Safety::Fault => Err(Refusal::State),
         }
     }
 
     /// `robot_mode` of RTDE.
     pub const fn mode(&self) -> i32 {
         match self.power {
+            Power::Booting { .. } => 2,
             Power::Off => 3,
             Power::PoweringOn { .. } => 4,
             Power::Idle | Power::Releasing { .. } => 5,
@@ -173,6 +288,7 @@ impl Robot {
     /// `robot_mode` in the dashboard's words.
     pub const fn mode_name(&self) -> &'static str {
         match self.power {
+            Power::Booting { .. } => "BOOTING",
             Power::Off => "POWER_OFF",
             Power::PoweringOn { .. } => "POWER_ON",
             Power::Idle | Power::Releasing { .. } => "IDLE",
@@ -183,40 +299,41 @@ impl Robot {
     /// `joint_mode` of RTDE, of every joint: 239 power off, 255 idle, 253 running.
     pub const fn joint_mode(&self) -> i32 {
         match self.power {
-            Power::Off => 239,
+            Power::Off | Power::Booting { .. } => 239,
             Power::PoweringOn { .. } | Power::Idle | Power::Releasing { .. } => 255,
             Power::Running => 253,
         }
     }
 
-    /// `safety_mode` and `safety_status` of RTDE.
+    /// `safety_status` of RTDE.
+    pub const fn safety_status(&self) -> i32 {
+        told(self.safety()).0
+    }
+
+    /// `safety_status` in the dashboard's words.
+    pub const fn safety_status_name(&self) -> &'static str {
+        told(self.safety()).1
+    }
+
+    /// `safety_mode` of RTDE: it knows one stop for all safeguards.
     pub const fn safety_mode(&self) -> i32 {
-        match self.safety {
-            Safety::Normal => 1,
-            Safety::ProtectiveStop { .. } => 3,
-            Safety::EmergencyStop => 7,
-            Safety::Fault => 9,
-        }
+        told(self.safety_as_mode()).0
     }
 
     /// `safety_mode` in the dashboard's words.
-    pub const fn safety_name(&self) -> &'static str {
-        match self.safety {
-            Safety::Normal => "NORMAL",
-            Safety::ProtectiveStop { .. } => "PROTECTIVE_STOP",
-            Safety::EmergencyStop => "ROBOT_EMERGENCY_STOP",
-            Safety::Fault => "FAULT",
+    pub const fn safety_mode_name(&self) -> &'static str {
+        told(self.safety_as_mode()).1
+    }
+
+    const fn safety_as_mode(&self) -> Safety {
+        match self.safety() {
+            Safety::EnablingStop => Safety::SafeguardStop,
+            other => other,
         }
     }
 
-    /// `safety_status_bits` of RTDE. Bits: 0 normal, 2 protective stop, 6 robot emergency stop, 7 emergency stop, 9 fault,
-    /// 10 stopped due to safety.
+    /// `safety_status_bits` of RTDE.
     pub const fn safety_bits(&self) -> u32 {
-        match self.safety {
-            Safety::Normal => 1,
-            Safety::ProtectiveStop { .. } => 1 << 2 | 1 << 10,
-            Safety::EmergencyStop => 1 << 6 | 1 << 7 | 1 << 10,
-            Safety::Fault => 1 << 9 | 1 << 10,
-        }
+        told(self.safety()).2
     }
 }

@@ -100,3 +100,20 @@ pub enum ScriptError {
         line: usize,
     },
 }
+
+impl ScriptError {
+    /// The line in question.
+    pub const fn line(&self) -> usize {
+        match self {
+            Self::Syntax { line, .. }
+            | Self::UnknownFunction { line, .. }
+            | Self::UnknownThread { line, .. }
+            | Self::ArgumentCount { line, .. }
+            | Self::TooMuch { line, .. }
+            | Self::Undefined { line, .. }
+            | Self::Value { line, .. }
+            | Self::NotSimulated { line, .. }
+            | Self::SecondMover { line } => *line,
+        }
+    }
+}

@@ -4,29 +4,33 @@
 //! the others move along.
 //!
 //! One thread. Sockets are read right before each cycle and written right after it. Cycles lie on an absolute grid of the
-//! controller's period;
-//! when the machine stalls, the grid is shifted and nothing is made up for: simulated time stands still meanwhile, so that
-//! packages never come in bursts, and the stall is counted.
+//! controller's period, and never closer than three quarters of it. When the machine stalls, the grid is shifted and nothing
+//! is made up for: simulated time stands still meanwhile, so that packages never come in bursts, and the stall is counted.
 
+mod connection;
+mod orders;
+#[cfg(test)]
+mod tests;
+
+use super::act::{Act, Fault};
 use super::dashboard;
+use super::inputs::Fieldbus;
 use super::record::Record;
 use super::script::upload::Upload;
 use super::streams::{Port, Stream};
-use super::{ClientId, Controller, ControllerError, Options};
+use super::{Controller, ControllerError, Options};
 use crate::failure::{Exit, Failure};
 use crate::link::rtde::wire::Protocol;
+use connection::{Connection, Peer};
+use orders::{Orders, say};
 use screed_kernel::arm::Arm;
-use std::io::{self, Read, Write};
-use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::io;
+use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Connections at once; more are closed at once.
 const CLIENTS_MAX: usize = 128;
-/// Bytes read from a client in one cycle; the rest waits.
-const READ_MAX: usize = 64 * 1024;
-/// Bytes taken from the controller for a socket at once.
-const CHUNK: usize = 16 * 1024;
 
 /// How the server is started.
 #[derive(Clone, Debug)]
@@ -49,6 +53,12 @@ pub struct ServeOptions {
     pub exit_when_idle: Option<Duration>,
     /// Prints JSON instead of sentences.
     pub json: bool,
+    /// What a fieldbus writes.
+    pub fieldbus: Fieldbus,
+    /// What goes wrong, and when.
+    pub faults: Vec<Fault>,
+    /// Takes acts from the standard input, a line each.
+    pub control: bool,
     /// Ends when this says so; looked at in every cycle.
     pub stop: fn() -> bool,
 }
@@ -149,20 +159,6 @@ const SERVICES: [(Service, u16); 5] = [
     (Service::Dashboard, 5),
 ];
 
-/// The other end's state, where the controller does not keep it.
-enum Peer {
-    Rtde(ClientId),
-    Script(Upload, Stream),
-    Dashboard(dashboard::Session),
-}
-
-struct Connection {
-    peer: Peer,
-    stream: TcpStream,
-    /// Taken from the peer and not yet by the socket.
-    pending: Vec<u8>,
-}
-
 /// A listening controller.
 pub struct Server {
     controller: Controller,
@@ -172,6 +168,11 @@ pub struct Server {
     record: Option<Record>,
     exit_when_idle: Option<Duration>,
     summary: Summary,
+    orders: Orders,
+    /// Periods since the start; those of a restart count too.
+    ticks: u64,
+    /// The period in which the controller is back from a restart, and where it listened.
+    restart: Option<(u64, Vec<(Service, SocketAddr)>)>,
 }
 
 /// Listens, says where in one line, and steps the controller until it is told to stop; says then what it did.
@@ -199,12 +200,6 @@ pub fn serve(options: &ServeOptions) -> Result<(), SimError> {
     })
 }
 
-/// One line, at once; whoever started this process may be waiting for it.
-fn say(line: &str) -> Result<(), SimError> {
-    let mut out = io::stdout().lock();
-    writeln!(out, "{line}").and_then(|()| out.flush()).map_err(|source| SimError::Output { source })
-}
-
 impl Server {
     /// Switches the controller on and listens.
     ///
@@ -215,6 +210,7 @@ impl Server {
             return Err(SimError::NotLoopback { host: options.host });
         }
         let mut controller = Controller::new(&options.arm, options.controller.clone())?;
+        controller.install(options.fieldbus);
         controller.limit_protocol(options.rtde_protocol);
         if let Some(fault) = controller.program_fault() {
             return Err(SimError::Program { fault: fault.to_owned() });
@@ -224,9 +220,19 @@ impl Server {
             listeners.push(listen(service, SocketAddr::new(options.host, port_of(options.port, below)?))?);
         }
         let record = options.record.as_deref().map(Record::create).transpose()?;
-        let period = Duration::from_secs(1) / options.controller.generation.cycle_rate();
-        let (exit_when_idle, connections, summary) = (options.exit_when_idle, Vec::new(), Summary::default());
-        Ok(Self { controller, listeners, period, connections, record, exit_when_idle, summary })
+        let rate = options.controller.generation.cycle_rate();
+        Ok(Self {
+            controller,
+            listeners,
+            period: Duration::from_secs(1) / rate,
+            connections: Vec::new(),
+            record,
+            exit_when_idle: options.exit_when_idle,
+            summary: Summary::default(),
+            orders: Orders::new(&options.faults, rate, options.control, options.json),
+            ticks: 0,
+            restart: None,
+        })
     }
 
     /// Where it listens for RTDE.
@@ -250,9 +256,22 @@ impl Server {
     /// [`SimError::Record`].
     pub fn run(&mut self, stop: impl Fn() -> bool) -> Result<Summary, SimError> {
         let mut due = Instant::now() + self.period;
+        let mut last = Instant::now();
         let mut last_connected = Instant::now();
         while !stop() {
-            let stalled = self.wait_until(&mut due);
+            let stalled = self.wait_until(&mut due, &mut last);
+            if !stalled.is_zero() {
+                self.summary.stalls += 1;
+                self.summary.stalled += stalled;
+            }
+            due += self.period;
+            self.ticks += 1;
+            self.obey()?;
+            if self.is_down()? {
+                // Nobody can be.
+                last_connected = Instant::now();
+                continue;
+            }
             self.controller.stand_still(stalled.as_secs_f64());
             self.accept();
             self.read();
@@ -262,7 +281,6 @@ impl Server {
             if let Some(record) = &mut self.record {
                 record.row(self.controller.last_cycle(), stalled)?;
             }
-            due += self.period;
             if !self.connections.is_empty() {
                 last_connected = Instant::now();
             }
@@ -276,22 +294,58 @@ impl Server {
         Ok(self.summary)
     }
 
-    /// Sleeps until the cycle is due. Much too late: shifts the grid and gives by how much.
-    fn wait_until(&mut self, due: &mut Instant) -> Duration {
-        let now = Instant::now();
-        if let Some(rest) = due.checked_duration_since(now) {
+    /// Sleeps until the cycle is due. Much too late: shifts the grid and gives by how much. A little too late: the grid stays,
+    /// and the next cycle keeps its distance from this one.
+    fn wait_until(&self, due: &mut Instant, last: &mut Instant) -> Duration {
+        let earliest = (*due).max(*last + self.period * 3 / 4);
+        if let Some(rest) = earliest.checked_duration_since(Instant::now()) {
             std::thread::sleep(rest);
         }
         let now = Instant::now();
-        let late = now.saturating_duration_since(*due);
-        // Later than that, two packages would come closer than half a period.
+        *last = now;
+        let late = now.saturating_duration_since(earliest);
         if late < self.period / 2 {
             return Duration::ZERO;
         }
         *due = now;
-        self.summary.stalls += 1;
-        self.summary.stalled += late;
         late
+    }
+
+    /// Does what is due.
+    fn obey(&mut self) -> Result<(), SimError> {
+        while let Some(act) = self.orders.next(self.ticks)? {
+            let done = self.controller.act(&act).is_ok();
+            match act {
+                Act::Reset => {
+                    for connection in self.connections.drain(..) {
+                        connection.reset(&mut self.controller);
+                    }
+                }
+                Act::Restart(seconds) => {
+                    // First nobody listens, so that nobody whose connection ends is let in again.
+                    let places = self.listeners.drain(..).map(|(service, _, address)| (service, address)).collect();
+                    for connection in self.connections.drain(..) {
+                        connection.close(&mut self.controller);
+                    }
+                    let periods = (seconds / self.period.as_secs_f64()).round() as u64;
+                    self.restart = Some((self.ticks + periods, places));
+                }
+                _ => {}
+            }
+            self.orders.report(self.ticks, &act, done)?;
+        }
+        Ok(())
+    }
+
+    /// Whether the controller is not there at the moment; it listens again where it did once it is.
+    fn is_down(&mut self) -> Result<bool, SimError> {
+        let Some((_, places)) = self.restart.take_if(|(back, _)| *back <= self.ticks) else {
+            return Ok(self.restart.is_some());
+        };
+        for (service, address) in places {
+            self.listeners.push(listen(service, address)?);
+        }
+        Ok(false)
     }
 
     fn accept(&mut self) {
@@ -299,6 +353,7 @@ impl Server {
             // An error here concerns a client that has gone again, or no client at all.
             while let Ok((stream, _)) = listener.accept() {
                 let ready = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true));
+                connection::shrink(&stream);
                 if ready.is_ok() && self.connections.len() < CLIENTS_MAX {
                     let peer = match service {
                         Service::Rtde => Peer::Rtde(self.controller.connect()),
@@ -324,16 +379,13 @@ impl Server {
 
     fn write(&mut self) {
         let controller = &mut self.controller;
-        self.connections.retain_mut(|connection| {
+        let gone = self.connections.extract_if(.., |connection| {
             connection.feed(controller);
-            let alive = connection.write(controller).is_ok() && connection.is_wanted(controller);
-            if !alive {
-                connection.end(controller);
-                // Closing follows anyway when the stream is dropped.
-                let _ = connection.stream.shutdown(Shutdown::Both);
-            }
-            alive
+            connection.write(controller).is_err() || !connection.is_wanted(controller)
         });
+        for connection in gone.collect::<Vec<_>>() {
+            connection.close(controller);
+        }
     }
 }
 
@@ -354,194 +406,4 @@ fn listen(service: Service, address: SocketAddr) -> Result<(Service, TcpListener
     listener.set_nonblocking(true).map_err(failed)?;
     let address = listener.local_addr().map_err(failed)?;
     Ok((service, listener, address))
-}
-
-impl Peer {
-    fn handle_bytes(&mut self, bytes: &[u8], controller: &mut Controller) {
-        match self {
-            Self::Rtde(client) => controller.handle_bytes(*client, bytes),
-            Self::Dashboard(session) => session.handle_bytes(bytes, controller),
-            Self::Script(upload, _) => {
-                upload.handle_bytes(bytes);
-                for program in upload.take_programs() {
-                    controller.upload(&program);
-                }
-            }
-        }
-    }
-
-    fn poll_transmit(&mut self, controller: &mut Controller, out: &mut [u8]) -> usize {
-        match self {
-            Self::Rtde(client) => controller.poll_transmit(*client, out),
-            Self::Dashboard(session) => session.poll_transmit(out),
-            Self::Script(_, stream) => stream.poll_transmit(out),
-        }
-    }
-}
-
-impl Connection {
-    /// Whether the other end has not been given up.
-    fn is_wanted(&self, controller: &Controller) -> bool {
-        match &self.peer {
-            Peer::Rtde(client) => controller.is_connected(*client),
-            // Its last words have to leave first.
-            Peer::Dashboard(session) => session.is_open() || !self.pending.is_empty(),
-            Peer::Script(upload, _) => !upload.is_overflown(),
-        }
-    }
-
-    /// The state after the cycle, on the ports that send it unasked; nothing while the socket still has the last one.
-    fn feed(&mut self, controller: &Controller) {
-        if let Peer::Script(_, stream) = &mut self.peer
-            && self.pending.is_empty()
-        {
-            controller.feed(stream);
-        }
-    }
-
-    fn end(&self, controller: &mut Controller) {
-        if let Peer::Rtde(client) = &self.peer {
-            controller.disconnect(*client);
-        }
-    }
-
-    /// Hands over what has come; false when the client has gone.
-    fn read(&mut self, controller: &mut Controller) -> bool {
-        let mut bytes = [0; 4096];
-        let mut total = 0;
-        while total < READ_MAX {
-            match self.stream.read(&mut bytes) {
-                Ok(0) => return false,
-                Ok(count) => {
-                    self.peer.handle_bytes(bytes.get(..count).unwrap_or(&[]), controller);
-                    total += count;
-                }
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return true,
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(_) => return false,
-            }
-        }
-        true
-    }
-
-    /// Sends as much as the socket takes; what it does not take piles up in the controller, which cuts the client off.
-    fn write(&mut self, controller: &mut Controller) -> io::Result<()> {
-        loop {
-            if self.pending.is_empty() {
-                self.pending.resize(CHUNK, 0);
-                let count = self.peer.poll_transmit(controller, &mut self.pending);
-                self.pending.truncate(count);
-            }
-            if self.pending.is_empty() {
-                return Ok(());
-            }
-            match self.stream.write(&self.pending) {
-                Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
-                Ok(count) => _ = self.pending.drain(..count),
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::link::rtde::program::{Program, WatchdogAction};
-    use crate::link::rtde::{Event, RtdeClient};
-    use crate::sim::ur::robot::Generation;
-    use screed_kernel::arms::ur::UR10E;
-    use screed_kernel::pose::Pose;
-    use screed_kernel::units::{JointPos, Nanos};
-
-    fn options(record: Option<PathBuf>) -> ServeOptions {
-        let watchdog_action = WatchdogAction::Stop;
-        let (lookahead, gain, watchdog) = (0.1, 300.0, 0.5);
-        let program = Program { rate_hz: 500, register_offset: 24, lookahead, gain, watchdog, watchdog_action };
-        ServeOptions {
-            arm: UR10E,
-            controller: Options {
-                start_q: JointPos([0.0, -1.0, 1.0, -1.5, -1.5, 0.0]),
-                flange_from_tcp: Pose::identity(),
-                register_offset: 24,
-                program: program.text().expect("legal"),
-                autoplay: true,
-                generation: Generation::ESeries,
-                powered: true,
-            },
-            host: [127, 0, 0, 1].into(),
-            port: 0,
-            allow_remote: false,
-            record,
-            rtde_protocol: Protocol::Two,
-            exit_when_idle: Some(Duration::from_millis(200)),
-            json: false,
-            stop: || false,
-        }
-    }
-
-    /// Runs the client over a real socket until it has `wanted` states; their timestamps.
-    fn timestamps(address: SocketAddr, wanted: usize) -> Vec<f64> {
-        let mut stream = TcpStream::connect(address).expect("a server");
-        stream.set_read_timeout(Some(Duration::from_millis(20))).expect("a socket");
-        let origin = Instant::now();
-        let mut client = RtdeClient::new(&UR10E, 500, 24, 2_000_000_000).expect("legal");
-        let (mut stamps, mut bytes) = (Vec::new(), [0; 4096]);
-        while stamps.len() < wanted {
-            let now = Nanos(origin.elapsed().as_nanos() as u64);
-            let count = client.poll_transmit(now, &mut bytes);
-            stream.write_all(&bytes[..count]).expect("a connection");
-            if let Ok(count) = stream.read(&mut bytes) {
-                client.handle_bytes(now, &bytes[..count]).expect("sound bytes");
-            }
-            client.handle_timeout(now).expect("a robot that talks");
-            while let Some(event) = client.poll_event() {
-                if let Event::State { state, skipped } = event {
-                    stamps.push(state.timestamp);
-                    stamps.extend((0..skipped).map(|_| f64::NAN));
-                    client.send_setpoint(stamps.len() as u32, &state.actual_q).expect("running");
-                }
-            }
-        }
-        stamps
-    }
-
-    #[test]
-    fn over_a_socket_stamps_are_exact_cycles_and_the_record_has_each() {
-        let folder = std::env::temp_dir().join(format!("screed-server-test-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        let path = folder.join("record.csv");
-        let mut server = Server::bind(&options(Some(path.clone()))).expect("a free port");
-        let address = server.address();
-        let client = std::thread::spawn(move || timestamps(address, 250));
-        let summary = server.run(|| false).expect("a record");
-        let stamps = client.join().expect("the client");
-        for pair in stamps.windows(2).filter(|pair| pair.iter().all(|stamp| stamp.is_finite())) {
-            let cycles = (pair[1] - pair[0]) * 500.0;
-            assert!((cycles - cycles.round()).abs() < 1e-9 && cycles > 0.5, "{pair:?}");
-        }
-        let text = std::fs::read_to_string(&path).expect("the record");
-        assert_eq!(text.lines().count() as u64, summary.cycles + 1);
-        let packages: u32 = text.lines().skip(1).filter_map(|row| row.split(',').nth(2)?.parse::<u32>().ok()).sum();
-        assert!(packages > 200, "{packages} setpoints in the record");
-        let columns = text.lines().map(|row| row.split(',').count());
-        assert!(columns.into_iter().all(|count| count == 4 + 6 + 6 + 2));
-        std::fs::remove_dir_all(folder).expect("cleaning up");
-    }
-
-    #[test]
-    fn a_port_in_use_and_an_open_address_are_refused() {
-        let first = Server::bind(&options(None)).expect("a free port");
-        let mut second = options(None);
-        second.port = first.address().port();
-        assert!(matches!(Server::bind(&second), Err(SimError::AddressInUse { .. })));
-        let mut open = options(None);
-        open.host = [0, 0, 0, 0].into();
-        assert!(matches!(Server::bind(&open), Err(SimError::NotLoopback { .. })));
-        let mut broken = options(None);
-        broken.controller.program.push_str("hello()\n");
-        assert!(matches!(Server::bind(&broken), Err(SimError::Program { .. })));
-    }
 }

@@ -3,18 +3,29 @@
 //! Choices where the protocol's documentation is silent: an unknown package type, or data of a wrong length or recipe, is
 //! answered by a text message and otherwise ignored; a size below three bytes ends the connection, for no border can be
 //! found behind it; a refused setup has recipe id 0. A client that speaks protocol 1, which carries no rate, gets 125 Hz.
+//! Between the answer to a start and the first data lie [`AFTER_START`]: clients are known that look at the newest package
+//! only, and take a start for refused when data has overtaken its answer.
 
-use super::fields::{InputValues, Snapshot, Source, output};
+use super::fields::{Snapshot, Source, output};
+use super::inputs::{Fieldbus, InputValues, Wishes};
+use super::properties;
+use super::robot::Generation;
 use crate::link::rtde::TextLevel;
 use crate::link::rtde::wire::{
-    Deframer, FieldType, HEADER_LEN, PACKAGE_MAX, PackageKind, PackageWriter, PayloadReader, Protocol, TEXT_MAX,
-    list_entries,
+    Deframer, FieldType, HEADER_LEN, PACKAGE_MAX, PackageKind, PayloadReader, Protocol, TEXT_MAX, list_entries,
 };
+use crate::sim::line::{self, Spoil};
 
-/// Unsent bytes at which a client that does not read is cut off; real controllers keep about ten seconds.
-const BACKLOG_MAX: usize = 256 * 1024;
+/// How long a client may not read (s): real controllers keep about ten seconds.
+const BACKLOG: f64 = 10.0;
+/// Unsent bytes at which it is cut off sooner.
+const BACKLOG_MAX: usize = 4 * 1024 * 1024;
 /// The rate of protocol 1 (Hz).
 const PROTOCOL_1_RATE: f64 = 125.0;
+/// How long no data comes after the answer to a start (s).
+const AFTER_START: f64 = 0.01;
+/// Who owns an input that a fieldbus writes.
+const FIELDBUS: ClientId = ClientId(0);
 
 /// A connection, as [`super::Controller::connect`] gave it out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -28,14 +39,61 @@ pub(super) struct Exchange {
     pub owners: Vec<Option<ClientId>>,
     /// Which inputs were updated since the last cycle.
     pub updated: Vec<bool>,
+    /// What was asked of outputs and speed slider since the last cycle.
+    pub wishes: Wishes,
     /// Input packages since the last cycle.
     pub packages: u32,
     /// Cycles per second.
     pub rate: u32,
-    /// The controller's software: major, minor, bugfix, build.
-    pub software: [u32; 4],
+    /// Which controller.
+    pub generation: Generation,
     /// The newest protocol that is accepted.
     pub protocol: Protocol,
+}
+
+impl Exchange {
+    pub(super) fn new(generation: Generation) -> Self {
+        let inputs = InputValues::new();
+        let (owners, updated) = (vec![None; inputs.len()], vec![false; inputs.len()]);
+        let rate = generation.cycle_rate();
+        Self {
+            inputs,
+            owners,
+            updated,
+            wishes: Wishes::default(),
+            packages: 0,
+            rate,
+            generation,
+            protocol: Protocol::Two,
+        }
+    }
+
+    /// A fieldbus takes inputs from whoever has them, and gives back those it no longer takes.
+    pub(super) fn take_for(&mut self, fieldbus: Fieldbus) {
+        for (place, owner) in self.owners.iter_mut().enumerate() {
+            if self.inputs.is_of(fieldbus, place) {
+                *owner = Some(FIELDBUS);
+            } else if *owner == Some(FIELDBUS) {
+                *owner = None;
+            }
+        }
+    }
+
+    fn is_owned_by(&self, place: usize, client: ClientId) -> bool {
+        self.owners.get(place) == Some(&Some(client))
+    }
+}
+
+/// What goes wrong with the next data package.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Mishap {
+    /// Its second half is missing, and nothing follows for so many cycles.
+    Half {
+        /// How many.
+        cycles: u64,
+    },
+    /// It is spoilt.
+    Spoilt(Spoil),
 }
 
 #[derive(Clone, Debug)]
@@ -63,6 +121,16 @@ pub(super) struct Session {
     inputs: Vec<InputRecipe>,
     output_setups: u8,
     started: bool,
+    /// Cycles until data may be sent.
+    quiet: u32,
+    /// To be told once data flows.
+    greeting: Option<String>,
+    /// The last cycle that has begun, and the last one that left nothing unsent.
+    cycle: u64,
+    drained: u64,
+    /// Nothing is sent before this cycle.
+    pub silent_until: u64,
+    pub mishap: Option<Mishap>,
     open: bool,
 }
 
@@ -77,6 +145,12 @@ impl Session {
             inputs: Vec::new(),
             output_setups: 0,
             started: false,
+            quiet: 0,
+            greeting: None,
+            cycle: 0,
+            drained: 0,
+            silent_until: 0,
+            mishap: None,
             open: true,
         }
     }
@@ -89,6 +163,11 @@ impl Session {
     /// Whether the client asked for data, or for its inputs to be read.
     pub(super) const fn is_started(&self) -> bool {
         self.started
+    }
+
+    /// The controller gives it up.
+    pub(super) const fn close(&mut self) {
+        self.open = false;
     }
 
     pub(super) fn handle_bytes(&mut self, bytes: &[u8], exchange: &mut Exchange) {
@@ -112,6 +191,9 @@ impl Session {
     }
 
     fn handle_package(&mut self, code: u8, payload: &[u8], exchange: &mut Exchange) {
+        if code == properties::CODE && exchange.generation == Generation::ESeries {
+            return self.send_raw(code, &properties::answer(payload, exchange.generation));
+        }
         let Some(kind) = PackageKind::from_code(code) else {
             return self.send_text(TextLevel::Error, &format!("Unknown package type {code}"));
         };
@@ -125,12 +207,15 @@ impl Session {
                 }
                 self.send(kind, &[u8::from(accepted)]);
             }
-            PackageKind::ControllerVersion => self.send(kind, &exchange.software.map(u32::to_be_bytes).concat()),
+            PackageKind::ControllerVersion => {
+                self.send(kind, &exchange.generation.software().map(u32::to_be_bytes).concat())
+            }
             PackageKind::SetupOutputs => self.set_up_outputs(payload, exchange),
             PackageKind::SetupInputs => self.set_up_inputs(payload, exchange),
             PackageKind::Start => {
                 let possible = self.outputs.is_some() || !self.inputs.is_empty();
                 self.started = possible;
+                self.quiet = (AFTER_START * f64::from(exchange.rate)).ceil() as u32;
                 self.send(kind, &[u8::from(possible)]);
             }
             PackageKind::Pause => {
@@ -217,6 +302,9 @@ impl Session {
         if reader.rest().len() != size {
             return self.wrong_size(PackageKind::Data);
         }
+        if !recipe.fields.iter().all(|(place, _)| exchange.is_owned_by(*place, self.id)) {
+            return self.send_text(TextLevel::Error, "Input data for registers that a fieldbus has taken: ignored");
+        }
         for (place, field_type) in &recipe.fields {
             if let Some(value) = reader.bytes(field_type.size()) {
                 exchange.inputs.set(*place, value);
@@ -225,11 +313,29 @@ impl Session {
                 }
             }
         }
+        exchange.inputs.read_wishes(&recipe.fields, &mut exchange.wishes);
         exchange.packages = exchange.packages.saturating_add(1);
+    }
+
+    /// A control cycle begins; a client that has not read for too long is given up.
+    pub(super) fn begin(&mut self, cycle: u64, rate: u32) {
+        self.cycle = cycle;
+        if self.outbox.is_empty() {
+            self.drained = cycle;
+        } else if (cycle - self.drained) as f64 > BACKLOG * f64::from(rate) {
+            self.open = false;
+        }
     }
 
     /// Sends the recipe's outputs when this cycle is due.
     pub(super) fn send_state(&mut self, snapshot: &Snapshot<'_>, inputs: &InputValues) {
+        if self.quiet > 0 {
+            self.quiet -= 1;
+            return;
+        }
+        if self.cycle < self.silent_until {
+            return;
+        }
         let Some(recipe) =
             self.outputs.as_ref().filter(|recipe| self.started && snapshot.cycle.is_multiple_of(recipe.divisor))
         else {
@@ -242,7 +348,25 @@ impl Session {
         for (field_type, source) in &recipe.fields {
             snapshot.write(&mut payload, *field_type, *source, inputs);
         }
+        let start = self.outbox.len();
         self.send(PackageKind::Data, &payload);
+        match self.mishap.take() {
+            Some(Mishap::Half { cycles }) => {
+                self.outbox.truncate(start + (HEADER_LEN + payload.len()) / 2);
+                self.silent_until = self.cycle + 1 + cycles;
+            }
+            Some(Mishap::Spoilt(spoil)) => line::spoil(&mut self.outbox, start, spoil),
+            None => {}
+        }
+        // Behind data: a client that asks for the newest package gets data.
+        if let Some(greeting) = self.greeting.take() {
+            self.send_text(TextLevel::Error, &greeting);
+        }
+    }
+
+    /// Says so once data flows.
+    pub(super) fn greet(&mut self, message: &str) {
+        self.greeting = Some(message.to_owned());
     }
 
     fn wrong_size(&mut self, kind: PackageKind) {
@@ -272,15 +396,22 @@ impl Session {
     }
 
     fn send(&mut self, kind: PackageKind, payload: &[u8]) {
-        let start = self.outbox.len();
-        self.outbox.resize(start + HEADER_LEN + payload.len(), 0);
-        let mut writer = PackageWriter::new(self.outbox.get_mut(start..).unwrap_or(&mut []), kind);
-        writer.bytes(payload);
-        let sent = writer.finish().is_some();
-        // A package that its size field cannot hold, or a client that does not read.
-        if !sent || self.outbox.len() > BACKLOG_MAX {
-            self.open = false;
+        self.send_raw(kind.code(), payload);
+    }
+
+    fn send_raw(&mut self, code: u8, payload: &[u8]) {
+        if self.cycle < self.silent_until {
+            return;
         }
+        // A package that its size field cannot hold, or a client that does not read.
+        let size = u16::try_from(HEADER_LEN + payload.len()).ok();
+        let Some(size) = size.filter(|_| self.outbox.len() + payload.len() <= BACKLOG_MAX) else {
+            self.open = false;
+            return;
+        };
+        self.outbox.extend(size.to_be_bytes());
+        self.outbox.push(code);
+        self.outbox.extend(payload);
     }
 
     /// Moves bytes for the client into `out`; how many.

@@ -2,12 +2,13 @@
 //! Everything is big-endian.
 //!
 //! Layouts after the maker's "Client interfaces" (5.10 and 3.15) and the primary client of the
-//! Universal_Robots_Client_Library (`src/primary`); of the sub-packages of a robot state those that the simulation can fill:
-//! robot mode, joints, Cartesian, and once for each client configuration and kinematics. A client that does not read misses
-//! whole packages; programs that only upload never do, and must not be cut for it.
+//! Universal_Robots_Client_Library (`src/primary`): robot mode, joints, tool, main board, Cartesian, force mode, additional
+//! information, and once for each client configuration and kinematics; messages on 30001 as they come. A client that does
+//! not read misses whole packages; programs that only upload never do, and must not be cut for it.
 
 use super::RuntimeState;
-use super::fields::Snapshot;
+use super::fields::{Snapshot, TEMPERATURE, VOLTAGE};
+use super::messages::Mailbox;
 use super::robot::{Generation, Robot, Safety};
 use super::servo::ACCELERATION_MAX;
 use screed_kernel::arm::Arm;
@@ -18,7 +19,7 @@ const STATE_RATE: u32 = 10;
 const REALTIME_DOUBLES: usize = 152;
 /// Types of messages.
 const ROBOT_STATE: u8 = 16;
-const ROBOT_MESSAGE: u8 = 20;
+pub(super) const ROBOT_MESSAGE: u8 = 20;
 /// The type of a version message, and the source that robot messages name: none.
 const VERSION: u8 = 3;
 const NO_SOURCE: u8 = 254;
@@ -43,6 +44,8 @@ pub enum Port {
 pub struct Stream {
     port: Port,
     greeted: bool,
+    /// The number of the next message.
+    next: u64,
     outbox: Vec<u8>,
 }
 
@@ -53,12 +56,13 @@ pub(super) struct Scene<'a> {
     pub runtime: RuntimeState,
     pub arm: &'a Arm<6>,
     pub generation: Generation,
+    pub mailbox: &'a Mailbox,
 }
 
 impl Stream {
     /// A client that has just connected.
     pub const fn new(port: Port) -> Self {
-        Self { port, greeted: false, outbox: Vec::new() }
+        Self { port, greeted: false, next: 0, outbox: Vec::new() }
     }
 
     /// One cycle has passed. Packages are whole or not there.
@@ -70,15 +74,18 @@ impl Stream {
             self.outbox = realtime(scene);
             return;
         }
-        let every = u64::from(scene.generation.cycle_rate() / STATE_RATE).max(1);
-        if !scene.snapshot.cycle.is_multiple_of(every) {
-            return;
+        let with_kinematics = self.port == Port::Primary && !self.greeted;
+        if self.greeted && self.port == Port::Primary {
+            (self.outbox, self.next) = scene.mailbox.since(self.next);
         }
         if !self.greeted {
             self.outbox.extend(version(scene));
+            self.next = scene.mailbox.count();
         }
-        let with_kinematics = self.port == Port::Primary && !self.greeted;
-        self.outbox.extend(robot_state(scene, with_kinematics));
+        let every = u64::from(scene.generation.cycle_rate() / STATE_RATE).max(1);
+        if !self.greeted || scene.snapshot.cycle.is_multiple_of(every) {
+            self.outbox.extend(robot_state(scene, with_kinematics));
+        }
         self.greeted = true;
     }
 
@@ -93,7 +100,7 @@ impl Stream {
 }
 
 /// A package: its size with the size field, its type, its content.
-fn package(kind: u8, content: &[u8]) -> Vec<u8> {
+pub(super) fn package(kind: u8, content: &[u8]) -> Vec<u8> {
     let mut bytes = ((content.len() + 5) as u32).to_be_bytes().to_vec();
     bytes.push(kind);
     bytes.extend(content);
@@ -129,11 +136,17 @@ fn version(scene: &Scene<'_>) -> Vec<u8> {
 fn robot_state(scene: &Scene<'_>, with_kinematics: bool) -> Vec<u8> {
     let mut content = package(0, &robot_mode(scene));
     content.extend(package(1, &joints(scene)));
+    content.extend(package(2, &tool(scene)));
+    content.extend(package(3, &main_board(scene)));
     content.extend(package(4, &cartesian(scene)));
     if with_kinematics {
         content.extend(package(6, &configuration(scene)));
         content.extend(package(5, &kinematics(scene.arm)));
     }
+    // Wrench of the force mode and dexterity, which the simulation has not.
+    content.extend(package(7, &[0; 7 * 8]));
+    // Teach pendant's button, freedrive by button and by input: none.
+    content.extend(package(8, &[0; 4]));
     package(ROBOT_STATE, &content)
 }
 
@@ -141,8 +154,8 @@ fn robot_mode(scene: &Scene<'_>) -> Vec<u8> {
     let mut out = microseconds(scene).to_vec();
     let powered = scene.snapshot.robot_status_bits & 1 == 1;
     out.extend([true, true, powered].map(u8::from));
-    out.push(u8::from(scene.robot.safety == Safety::EmergencyStop));
-    out.push(u8::from(matches!(scene.robot.safety, Safety::ProtectiveStop { .. })));
+    out.push(u8::from(scene.robot.is_emergency()));
+    out.push(u8::from(matches!(scene.robot.safety(), Safety::ProtectiveStop { .. })));
     out.push(u8::from(scene.runtime == RuntimeState::Playing));
     out.push(u8::from(scene.runtime == RuntimeState::Paused));
     // Control mode 0: position.
@@ -156,9 +169,46 @@ fn joints(scene: &Scene<'_>) -> Vec<u8> {
     let mut out = Vec::new();
     for (q, qd) in scene.snapshot.target_q.iter().zip(scene.snapshot.target_qd) {
         put(&mut out, &[*q, *q, qd]);
-        // Current, voltage, two temperatures: not simulated.
-        put_single(&mut out, &[0.0; 4]);
+        // Current, which is not simulated, voltage, temperatures of motor and electronics.
+        put_single(&mut out, &[0.0, VOLTAGE as f32, TEMPERATURE as f32, TEMPERATURE as f32]);
         out.push(scene.snapshot.joint_mode as u8);
+    }
+    out
+}
+
+fn tool(scene: &Scene<'_>) -> Vec<u8> {
+    let [.., first, second] = scene.snapshot.cell.analog;
+    // Both inputs from 0 to 10 V.
+    let mut out = vec![1, 1];
+    put(&mut out, &[first, second]);
+    put_single(&mut out, &[VOLTAGE as f32]);
+    // Output voltage: none.
+    out.push(0);
+    put_single(&mut out, &[0.0, TEMPERATURE as f32]);
+    out.push(scene.snapshot.joint_mode as u8);
+    out
+}
+
+fn main_board(scene: &Scene<'_>) -> Vec<u8> {
+    let state = scene.snapshot;
+    let mut out = (state.cell.digital as u32).to_be_bytes().to_vec();
+    out.extend((state.digital_outputs as u32).to_be_bytes());
+    let [first, second, ..] = state.cell.analog;
+    // Both inputs from 0 to 10 V.
+    out.extend([1, 1]);
+    put(&mut out, &[first, second]);
+    let [(first_is_voltage, first), (second_is_voltage, second)] = state.outputs.analog;
+    out.extend([first_is_voltage, second_is_voltage].map(u8::from));
+    put(&mut out, &[first, second]);
+    // Currents are not simulated.
+    put_single(&mut out, &[TEMPERATURE as f32, VOLTAGE as f32, 0.0, 0.0]);
+    out.push(state.safety_mode as u8);
+    out.push(u8::from(scene.robot.inputs.reduced));
+    // No Euromap interface; four bytes not used.
+    out.extend([0; 1 + 4]);
+    if scene.generation == Generation::ESeries {
+        // Operational mode selector, three-position switch, one not used.
+        out.extend([0, u8::from(scene.robot.inputs.enabling), 0]);
     }
     out
 }
@@ -221,12 +271,15 @@ fn configuration(scene: &Scene<'_>) -> Vec<u8> {
 /// The maker's numbers of the models; 0 where we know none.
 fn robot_type(name: &str) -> u32 {
     match name {
-        "ur5" | "ur5e" => 1,
-        "ur10" | "ur10e" => 2,
+        "ur5" | "ur5e" | "ur7e" => 1,
+        "ur10" | "ur10e" | "ur12e" => 2,
         "ur3" | "ur3e" => 3,
         "ur16e" => 4,
+        "ur18" => 5,
+        "ur8long" => 6,
         "ur20" => 7,
         "ur30" => 8,
+        "ur15" => 9,
         _ => 0,
     }
 }
@@ -245,25 +298,31 @@ fn realtime(scene: &Scene<'_>) -> Vec<u8> {
     for vector in [state.tcp_pose, state.tcp_speed, [0.0; 6], state.tcp_pose, state.tcp_speed] {
         doubles.extend(vector);
     }
-    // Digital inputs; temperatures; controller's timer and a test value.
-    doubles.extend([0.0; 1 + 6 + 2]);
+    doubles.push(state.cell.digital as f64);
+    doubles.extend([TEMPERATURE; 6]);
+    // Controller's timer and a test value.
+    doubles.extend([0.0; 2]);
     doubles.push(f64::from(state.robot_mode));
     doubles.extend([f64::from(state.joint_mode); 6]);
     doubles.push(f64::from(state.safety_mode));
-    // Not used, accelerometer, not used.
-    doubles.extend([0.0; 6 + 3 + 6]);
+    doubles.extend([0.0; 6]);
+    doubles.extend(state.body.accelerometer());
+    doubles.extend([0.0; 6]);
     doubles.push(state.speed_scaling);
-    // Momentum, not used, three of the main board, joint voltages.
-    doubles.extend([0.0; 1 + 2 + 3 + 6]);
+    // Momentum, not used; main voltage, robot's voltage and current; joint voltages.
+    doubles.extend([state.momentum(), 0.0, 0.0, VOLTAGE, VOLTAGE, 0.0]);
+    doubles.extend([VOLTAGE; 6]);
     doubles.push(state.digital_outputs as f64);
     doubles.push(f64::from(state.runtime_state));
-    doubles.extend(state.elbow());
+    let (elbow, elbow_speed) = state.body.elbow();
+    doubles.extend(elbow);
+    doubles.extend(elbow_speed);
+    doubles.push(f64::from(state.safety_status));
     doubles.extend([0.0; 3]);
-    doubles.push(f64::from(state.safety_mode));
-    doubles.extend([0.0; 3]);
-    doubles.push(state.payload);
-    doubles.extend(state.payload_cog);
-    doubles.extend(state.payload_inertia);
+    let payload = state.body.payload;
+    doubles.push(payload.mass);
+    doubles.extend(payload.centre);
+    doubles.extend(payload.inertia);
     let mut bytes = ((4 + 8 * doubles.len()) as u32).to_be_bytes().to_vec();
     put(&mut bytes, &doubles);
     bytes
@@ -353,22 +412,23 @@ mod tests {
             seen.push(taken(&mut stream));
         }
         seen.retain(|bytes| !bytes.is_empty());
-        assert_eq!(seen.len(), 10);
+        // The first at once.
+        assert_eq!(seen.len(), 11);
         let first = packages(&seen[0]);
         assert_eq!(first.iter().map(|(kind, _)| *kind).collect::<Vec<_>>(), [ROBOT_MESSAGE, ROBOT_STATE]);
         assert_eq!(first[0].1[9..20], *b"\x03\x09URControl");
         let parts = packages(first[1].1);
-        assert_eq!(parts.iter().map(|(kind, _)| *kind).collect::<Vec<_>>(), [0, 1, 4, 6, 5]);
-        // Sizes of the client interface's page: 47, 251, 101, 445, 225, with the header of 5.
+        assert_eq!(parts.iter().map(|(kind, _)| *kind).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 6, 5, 7, 8]);
+        // Sizes with the header of 5, as on the client interface's page.
         let sizes: Vec<usize> = parts.iter().map(|(_, content)| content.len() + 5).collect();
-        assert_eq!(sizes, [47, 251, 101, 445, 225]);
+        assert_eq!(sizes, [47, 251, 37, 75, 101, 445, 225, 61, 9]);
         // Power off.
         assert_eq!(parts[0].1[8 + 7], 3);
-        let kinematics = parts[4].1;
+        let kinematics = parts[6].1;
         assert_eq!(double(kinematics, 24 + 48 + 8), UR10E.dh[1].a);
         assert_eq!(double(kinematics, 24 + 96), UR10E.dh[0].d);
         assert!((double(kinematics, 24 + 144) - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
         let later = packages(&seen[9]);
-        assert_eq!(packages(later[0].1).len(), 3);
+        assert_eq!(packages(later[0].1).len(), 7);
     }
 }

@@ -2,9 +2,9 @@
 
 use super::compute::{boolean, index, number, wrong};
 use super::{Notice, Surroundings, Waiting, WatchdogRequest};
+use crate::link::rtde::fields::REGISTERS;
 use crate::link::rtde::program::{GAIN_RANGE, LOOKAHEAD_RANGE, WatchdogAction};
 use crate::sim::ur::body::{Goal, Motion};
-use crate::sim::ur::fields::REGISTERS;
 use crate::sim::ur::numbers;
 use crate::sim::ur::script::ScriptError;
 use crate::sim::ur::script::builtins::Builtin;
@@ -103,6 +103,11 @@ impl Call<'_, '_> {
             Builtin::SetDigitalOut => self.set_digital(0, 8)?,
             Builtin::SetConfigurableOut => self.set_digital(1, 8)?,
             Builtin::SetToolOut => self.set_digital(2, 2)?,
+            Builtin::StandardDigitalIn => self.digital_input(0, 8)?,
+            Builtin::ConfigurableDigitalIn => self.digital_input(8, 8)?,
+            Builtin::ToolDigitalIn => self.digital_input(16, 2)?,
+            Builtin::StandardAnalogIn => self.analog_input(0)?,
+            Builtin::ToolAnalogIn => self.analog_input(2)?,
             Builtin::Atan2 => Value::Number(self.number(0)?.atan2(self.number(1)?)),
             Builtin::Pow => Value::Number(self.number(0)?.powf(self.number(1)?)),
             Builtin::Norm => match self.argument(0)? {
@@ -156,8 +161,10 @@ impl Call<'_, '_> {
             Builtin::Payload => Value::Number(body.payload.mass),
             Builtin::PayloadCog => Value::List(body.payload.centre.to_vec()),
             Builtin::PayloadInertia => Value::List(body.payload.inertia.to_vec()),
-            // Nothing of the model depends on it.
-            Builtin::SetGravity => self.list::<3>(0).map(|_| Value::Nothing)?,
+            Builtin::SetGravity => {
+                let gravity = self.list(0)?;
+                self.done(|around| around.body.gravity = gravity)
+            }
             Builtin::StepTime => Value::Number(1.0 / self.around.cycles_per_second),
             Builtin::IsSteady => Value::Boolean(body.is_steady()),
             Builtin::ForwardKin => {
@@ -356,6 +363,16 @@ impl Call<'_, '_> {
         let place = index(self.line, self.argument(0)?, count, "number of an output")?;
         let on = self.boolean(1)?;
         Ok(self.done(|around| around.outputs.set_digital(group, place, on)))
+    }
+
+    fn digital_input(&self, first: usize, count: usize) -> Result<Value, ScriptError> {
+        let place = index(self.line, self.argument(0)?, count, "number of an input")?;
+        Ok(Value::Boolean(self.around.cell.digital >> (first + place) & 1 == 1))
+    }
+
+    fn analog_input(&self, first: usize) -> Result<Value, ScriptError> {
+        let place = index(self.line, self.argument(0)?, 2, "number of an input")?;
+        Ok(Value::Number(self.around.cell.analog.get(first + place).copied().unwrap_or(0.0)))
     }
 
     fn set_watchdog(&mut self) -> Result<Value, ScriptError> {

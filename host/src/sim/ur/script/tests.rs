@@ -4,8 +4,10 @@ use super::code::Script;
 use super::*;
 use crate::link::rtde::program::{Program, WatchdogAction};
 use crate::sim::ur::body::Body;
-use crate::sim::ur::fields::{InputValues, Outputs};
+use crate::sim::ur::cell::CellInputs;
+use crate::sim::ur::inputs::InputValues;
 use crate::sim::ur::machine::{Machine, Notice, Surroundings, WatchdogRequest};
+use crate::sim::ur::outputs::Outputs;
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
@@ -61,6 +63,7 @@ impl Stage {
             cycles_per_second: 500.0,
             inputs: &self.inputs,
             outputs: &mut self.outputs,
+            cell: &CellInputs { digital: 1 << 3 | 1 << 9 | 1 << 17, analog: [1.5, 0.0, 0.0, 2.5] },
             body: &mut self.body,
             may_move: true,
             watchdogs: &mut self.watchdogs,

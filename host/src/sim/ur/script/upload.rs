@@ -3,6 +3,10 @@
 
 use super::lexer::depth_change;
 
+/// Lines that are commands to the controller and no script, as the maker's own clients send them on port 30001
+/// (`src/primary/primary_client.cpp` of the Universal_Robots_Client_Library).
+const COMMANDS: [&str; 5] =
+    ["power on", "power off", "set robotmode run", "set unlock protective stop", "stop program"];
 /// Longest script that is taken.
 const SCRIPT_MAX: usize = 4 * 1024 * 1024;
 
@@ -37,6 +41,10 @@ impl Upload {
     }
 
     fn take_line(&mut self, line: &str) {
+        if self.depth == 0 && COMMANDS.contains(&line.trim()) {
+            self.programs.push(line.trim().to_owned());
+            return;
+        }
         // A line that is no script is judged with its program, which then has a place to name.
         let change = depth_change(line).unwrap_or(0);
         let outside = self.depth == 0;
@@ -56,7 +64,7 @@ impl Upload {
         }
     }
 
-    /// The programs that are complete, oldest first.
+    /// The programs and commands that are complete, oldest first.
     pub fn take_programs(&mut self) -> Vec<String> {
         std::mem::take(&mut self.programs)
     }

@@ -1,0 +1,299 @@
+//! `screed robot status`, and what a person does to a robot from here.
+
+use super::args::{ActArgs, ControllerCalibrationArgs, ControllerOf, PlayArgs, ProgramArgs, StatusArgs};
+use super::say;
+use crate::config::{self, Cell};
+use crate::failure::{Exit, Failure};
+use crate::robot::{self, calibration};
+use crate::run::controller::acts::{self, Act};
+use crate::run::controller::check::{self, Finding, Verdict};
+use crate::run::controller::view::{self, Standing, View};
+use crate::run::controller::{DashboardLine, Place, program};
+use crate::run::demo;
+use screed_kernel::arm::Arm;
+use screed_kernel::arms::ur;
+use serde_json::{Value, json};
+use std::io::{self, BufRead, IsTerminal, Write};
+use std::path::Path;
+
+/// Where the controller is, and its cell where one was given.
+fn target(of: &ControllerOf) -> Result<(Place, Option<Cell>), Failure> {
+    match (&of.cell, &of.address) {
+        (Some(path), _) => {
+            let cell = config::load(path)?;
+            Ok((Place::of(&cell)?, Some(cell)))
+        }
+        (None, Some(address)) => Ok((Place::new(&address.host, address.port)?, None)),
+        (None, None) => Err(Failure::new(Exit::Usage, "no robot was named", "give --cell or --address")),
+    }
+}
+
+/// One act, after a person has agreed.
+pub fn act(args: &ActArgs, act: Act) -> Result<(), Failure> {
+    let (place, cell) = target(&args.controller)?;
+    let mut line = DashboardLine::connect(&place)?;
+    let before = view::standing(&mut line)?;
+    acts::check(act, &before)?;
+    if let Some(warning) = act.warning(&before) {
+        agreed(act.word(), warning, &place, &before, cell.as_ref(), args.yes)?;
+    }
+    let now = acts::act(&mut line, act)?;
+    say(&format!("{} done: {}\n", act.word(), stands(&now)))
+}
+
+/// `screed robot play`
+pub fn play(args: &PlayArgs) -> Result<(), Failure> {
+    let (place, cell) = target(&args.act.controller)?;
+    let Some(mut cell) = cell.filter(|_| args.upload) else { return act(&args.act, Act::Play) };
+    let found = prepare(&place, &mut cell, Some(args.act.yes))?;
+    say(&format!("{found}Screed's program plays and waits for setpoints\n"))
+}
+
+/// Looks whether the robot is the cell's and a print could begin; with `upload` (and whether `--yes` was given), Screed's program is
+/// sent and started where none plays, after a person has agreed. What is to be known, as lines.
+///
+/// # Errors
+/// [`Failure`] with everything that is in the way.
+pub fn prepare(place: &Place, cell: &mut Cell, upload: Option<bool>) -> Result<String, Failure> {
+    let mut view = view::view(place, cell.link.register_offset)?;
+    of_controller(cell, &view)?;
+    let mut findings = check::judge(cell, &view);
+    let program = findings.iter().position(|finding| finding.what == check::PROGRAM);
+    if let (Some(yes), Some(place_of_program)) = (upload, program)
+        && findings[place_of_program].verdict != Verdict::Good
+    {
+        findings.remove(place_of_program);
+        check::failure(&findings).map_or(Ok(()), Err)?;
+        acts::check(Act::Play, &view.standing)?;
+        let warning = "Screed's program is sent and plays; it holds the arm where it is until setpoints come";
+        agreed("upload", warning, place, &view.standing, Some(cell), yes)?;
+        program::upload(place, cell.link.register_offset, &demo::program(cell)?)?;
+        view = view::view(place, cell.link.register_offset)?;
+        findings = check::judge(cell, &view);
+    }
+    check::failure(&findings).map_or(Ok(()), Err)?;
+    Ok(tell(&findings))
+}
+
+/// Asks the person at the terminal. `--yes` answers for cells with a simulated robot only.
+fn agreed(
+    word: &'static str,
+    warning: &str,
+    place: &Place,
+    now: &Standing,
+    cell: Option<&Cell>,
+    yes: bool,
+) -> Result<(), Failure> {
+    if yes {
+        return match cell {
+            Some(cell) if cell.robot.simulated => Ok(()),
+            _ => Err(Failure::new(
+                Exit::Usage,
+                format!("--yes answers for a person: expected one to confirm {word} of a robot that may be real"),
+                "leave --yes out; it goes with --cell and a simulated robot",
+            )),
+        };
+    }
+    let model = now.model.as_deref().unwrap_or("model not told");
+    let serial = now.serial.as_deref().unwrap_or("not told");
+    tell_person(&format!("robot at {}: {model}, serial number {serial}; {}", place.host, stands(now)));
+    tell_person(&format!("{word}: {warning}"));
+    match asked(&format!("Type {word} to do it: "))?.as_str() {
+        answer if answer == word => Ok(()),
+        _ => Err(Failure::new(Exit::Failed, format!("{word} was not confirmed"), "nothing was done; begin again")),
+    }
+}
+
+/// What a person types at the terminal.
+///
+/// # Errors
+/// [`Failure`] where there is none.
+pub fn asked(question: &str) -> Result<String, Failure> {
+    let nobody = |why: &str| {
+        let remedy = "type it at a terminal; --yes is for simulated robots";
+        Failure::new(Exit::Failed, format!("nobody can be asked: {why}"), remedy)
+    };
+    if !io::stdin().is_terminal() {
+        return Err(nobody("the standard input is no terminal"));
+    }
+    let _ = write!(io::stderr(), "{question}").and_then(|()| io::stderr().flush());
+    let mut line = String::new();
+    io::stdin().lock().read_line(&mut line).map_err(|error| nobody(&error.to_string()))?;
+    Ok(line.trim().to_owned())
+}
+
+/// A line on standard error; nobody reading it is no failure.
+pub fn tell_person(line: &str) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
+fn stands(now: &Standing) -> String {
+    let Standing { mode, safety, program, program_name, .. } = now;
+    format!("robot {}, safety {}, program {} {program_name}", mode.name(), safety.name(), program.name())
+}
+
+/// `screed robot status`
+pub fn status(args: &StatusArgs) -> Result<(), Failure> {
+    let (place, cell) = target(&args.controller)?;
+    let offset = cell.as_ref().map_or(0, |cell| cell.link.register_offset);
+    let view = view::view(&place, offset)?;
+    let findings = match cell {
+        Some(mut cell) => {
+            of_controller(&mut cell, &view)?;
+            check::judge(&cell, &view)
+        }
+        None => Vec::new(),
+    };
+    if args.json {
+        say(&format!("{}\n", as_json(&view, &findings)))?;
+    } else {
+        say(&as_text(&view, &findings))?;
+    }
+    check::failure(&findings).map_or(Ok(()), Err)
+}
+
+/// Takes the controller's own calibration, where the cell says so.
+///
+/// # Errors
+/// [`Failure`] when it is none of the cell's model.
+pub fn of_controller(cell: &mut Cell, view: &View) -> Result<(), Failure> {
+    if cell.robot.calibration_of_controller {
+        let unit = calibration::of_table(&view::table(&view.kinematics), &cell.robot.arm).map_err(|fault| {
+            Failure::new(Exit::Input, fault.to_string(), "set model in [robot] to the robot that is there")
+        })?;
+        cell.calibrate(unit);
+    }
+    Ok(())
+}
+
+/// The findings as lines: a mark, what, what was found.
+fn tell(findings: &[Finding]) -> String {
+    let line = |Finding { what, text, verdict }: &Finding| {
+        let mark = match verdict {
+            Verdict::Good => "ok  ",
+            Verdict::Note => "note",
+            Verdict::Bad { .. } => "BAD ",
+        };
+        format!("  {mark}  {what:<16}  {text}\n")
+    };
+    findings.iter().map(line).collect()
+}
+
+fn as_text(view: &View, findings: &[Finding]) -> String {
+    let View { standing, controller: version, .. } = view;
+    let told = |text: &Option<String>| text.clone().unwrap_or_else(|| "not told".to_owned());
+    let mut text = format!(
+        "robot {}, serial number {}, software {}.{}.{}.{}\n{}\n",
+        told(&standing.model),
+        told(&standing.serial),
+        version.major,
+        version.minor,
+        version.bugfix,
+        version.build,
+        stands(standing),
+    );
+    if !findings.is_empty() {
+        text += "could a print begin?\n";
+        text += &tell(findings);
+    }
+    text
+}
+
+fn as_json(view: &View, findings: &[Finding]) -> Value {
+    let View { standing, controller: version, state, kinematics, .. } = view;
+    let finding = |Finding { what, text, verdict }: &Finding| {
+        let (verdict, action) = match verdict {
+            Verdict::Good => ("ok", None),
+            Verdict::Note => ("note", None),
+            Verdict::Bad { action, .. } => ("bad", Some(action)),
+        };
+        json!({ "what": what, "verdict": verdict, "found": text, "action": action })
+    };
+    json!({
+        "model": standing.model,
+        "serial": standing.serial,
+        "software": [version.major, version.minor, version.bugfix, version.build],
+        "remote_control": standing.remote,
+        "robot_mode": standing.mode.name(),
+        "safety": standing.safety.name(),
+        "program": standing.program.name(),
+        "program_name": standing.program_name,
+        "actual_q": state.actual_q,
+        "actual_tcp_pose": state.actual_tcp_pose,
+        "tcp_offset": state.tcp_offset,
+        "payload_kg": state.payload,
+        "payload_cog_m": state.payload_cog,
+        "kinematics": {
+            "theta": kinematics.theta,
+            "a": kinematics.a,
+            "d": kinematics.d,
+            "alpha": kinematics.alpha,
+            "checksum": kinematics.checksum,
+            "status": kinematics.status,
+        },
+        "checks": findings.iter().map(finding).collect::<Vec<_>>(),
+    })
+}
+
+/// `screed robot program`
+pub fn program(args: &ProgramArgs) -> Result<(), Failure> {
+    let text = demo::program(&config::load(&args.cell)?)?;
+    written(args.out.as_deref(), &text)
+}
+
+/// `screed robot calibration`
+pub fn calibration(args: &ControllerCalibrationArgs) -> Result<(), Failure> {
+    if let Some(out) = args.out.as_ref().filter(|out| out.extension().is_none_or(|ending| ending != "conf")) {
+        let message = format!("expected a name that ends with .conf, found {}", out.display());
+        return Err(Failure::new(Exit::Usage, message, "a cell file takes a controller's calibration by this ending"));
+    }
+    let (place, cell) = target(&args.controller)?;
+    let standing = view::standing(&mut DashboardLine::connect(&place)?)?;
+    let found = view::kinematics(&place)?;
+    let table = view::table(&found);
+    let wanted = args.model.clone().or(cell.map(|cell| cell.robot.model));
+    let nominal = match &wanted {
+        Some(name) => robot::ur(name)?,
+        None => fitting(&table, &standing)?,
+    };
+    let unit = calibration::of_table(&table, &nominal).map_err(|fault| {
+        Failure::new(Exit::Input, fault.to_string(), "name the robot that is there with --model, or in the cell file")
+    })?;
+    let told = standing.serial.as_deref().unwrap_or("not told");
+    let head =
+        format!("# The calibration of a {} with serial number {told}, as its controller uses it.\n", nominal.name);
+    let text = head + &calibration::conf(&table, &found.checksum, found.status, &nominal);
+    tell_person(&format!(
+        "{}, serial number {told}: the flange is {:.3} mm from the nominal one on average, {:.3} mm at most",
+        nominal.name,
+        unit.deviation_mean * 1e3,
+        unit.deviation_max * 1e3
+    ));
+    written(args.out.as_deref(), &text)
+}
+
+/// The arm of the catalogue whose nominal table is nearest to the controller's.
+fn fitting(table: &calibration::ControllerTable, standing: &Standing) -> Result<Arm<6>, Failure> {
+    let fits = ur::ALL.iter().filter_map(|arm| Some((arm, calibration::of_table(table, arm).ok()?.deviation_max)));
+    fits.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(arm, _)| *arm).ok_or_else(|| {
+        let model = standing.model.as_deref().unwrap_or("its model is not told");
+        let message = format!("no robot of the catalogue has the controller's geometry ({model})");
+        Failure::new(Exit::Input, message, "name the nearest one with --model to see how far it is off")
+    })
+}
+
+/// Writes the unit's calibration for `screed-rt`.
+///
+/// # Errors
+/// [`Failure`] when the file cannot be written.
+pub fn write_calibration(file: &Path, unit: &calibration::Calibrated, model: &str) -> Result<(), Failure> {
+    written(Some(file), &calibration::conf_of(unit, &robot::ur(model)?))
+}
+
+fn written(out: Option<&Path>, text: &str) -> Result<(), Failure> {
+    let Some(path) = out else { return say(text) };
+    std::fs::write(path, text).map_err(|error| {
+        let message = format!("cannot write {}: {error}", path.display());
+        Failure::new(Exit::Failed, message, "choose a folder that exists and can be written")
+    })
+}

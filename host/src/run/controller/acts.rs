@@ -1,0 +1,204 @@
+//! Acts of a person on the robot's dashboard: power, brakes, unlock, play, stop. Each does one thing, waits until it is done, and
+//! tells why it is not.
+
+use super::view::{Standing, standing};
+use super::{ControllerError, DashboardLine};
+use crate::failure::{Exit, Failure};
+use crate::link::dashboard::{self, DashboardError, ProgramState, Request, RobotMode};
+use std::time::{Duration, Instant};
+
+/// How long an act may take to be done: motors and brakes of a real robot need some seconds.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// How often it is looked whether it is done.
+const EVERY: Duration = Duration::from_millis(100);
+
+/// What a person can do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Act {
+    /// Power to the motors.
+    PowerOn,
+    /// No power.
+    PowerOff,
+    /// Brakes open.
+    BrakeRelease,
+    /// End a protective stop.
+    Unlock,
+    /// Start, or go on with, the program on the controller.
+    Play,
+    /// End the program.
+    Stop,
+    /// Close popups.
+    ClosePopup,
+}
+
+impl Act {
+    /// The word that a person types, which is also the command's.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::PowerOn => "power-on",
+            Self::PowerOff => "power-off",
+            Self::BrakeRelease => "brake-release",
+            Self::Unlock => "unlock",
+            Self::Play => "play",
+            Self::Stop => "stop",
+            Self::ClosePopup => "close-popup",
+        }
+    }
+
+    /// What a person has to know before it; none for what neither moves nor powers the robot.
+    pub const fn warning(self, standing: &Standing) -> Option<&'static str> {
+        Some(match self {
+            Self::PowerOn => "the motors get power; the brakes stay on",
+            Self::BrakeRelease => "the brakes open and the arm may sink a little; its payload has to be right",
+            Self::Unlock => "the protective stop ends; look at its cause first",
+            Self::Play => "the program of the controller runs and may move the arm at once",
+            // A program that waits for its popup goes on when it is closed.
+            Self::ClosePopup if matches!(standing.program, ProgramState::Paused) => {
+                "a program is held, and may go on and move the arm when the popup closes"
+            }
+            Self::PowerOff | Self::Stop | Self::ClosePopup => return None,
+        })
+    }
+
+    const fn requests(self) -> &'static [Request<()>] {
+        match self {
+            Self::PowerOn => &[dashboard::POWER_ON],
+            Self::PowerOff => &[dashboard::POWER_OFF],
+            Self::BrakeRelease => &[dashboard::BRAKE_RELEASE],
+            Self::Unlock => &[dashboard::UNLOCK],
+            Self::Play => &[dashboard::PLAY],
+            Self::Stop => &[dashboard::STOP],
+            Self::ClosePopup => &[dashboard::CLOSE_POPUP, dashboard::CLOSE_SAFETY_POPUP],
+        }
+    }
+
+    /// Whether the robot stands as it shall after the act.
+    const fn is_done(self, now: &Standing) -> bool {
+        match self {
+            Self::PowerOn => matches!(now.mode, RobotMode::Idle | RobotMode::Running),
+            Self::PowerOff => matches!(now.mode, RobotMode::PowerOff),
+            Self::BrakeRelease => matches!(now.mode, RobotMode::Running),
+            Self::Unlock => now.safety.is_well(),
+            Self::Play => matches!(now.program, ProgramState::Playing),
+            Self::Stop => matches!(now.program, ProgramState::Stopped),
+            Self::ClosePopup => true,
+        }
+    }
+}
+
+/// Does it, and waits until it is done: a person has said so. How the robot stands then.
+///
+/// # Errors
+/// [`Failure`] with what the controller said, and why it may have.
+pub fn act(line: &mut DashboardLine, act: Act) -> Result<Standing, Failure> {
+    for request in act.requests() {
+        match line.ask(request) {
+            Ok(()) => {}
+            // Old software has no safety popups.
+            Err(ControllerError::Dashboard(DashboardError::NotKnown { .. })) if act == Act::ClosePopup => {}
+            Err(ControllerError::Dashboard(DashboardError::Refused { answer, .. })) => {
+                return Err(refused(act, &answer, &standing(line)?));
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    let until = Instant::now() + PATIENCE;
+    loop {
+        let now = standing(line)?;
+        if act.is_done(&now) {
+            return Ok(now);
+        }
+        if Instant::now() > until {
+            let message = format!("{} was taken, but is not done after {} s", act.word(), PATIENCE.as_secs());
+            return Err(told(message, act, &now));
+        }
+        std::thread::sleep(EVERY);
+    }
+}
+
+/// Why an act would be refused, as far as the controller tells beforehand.
+///
+/// # Errors
+/// The [`Failure`] to report.
+pub fn check(act: Act, standing: &Standing) -> Result<(), Failure> {
+    if standing.remote == Some(false) {
+        let message = format!("{}: the robot is in local control and takes no commands from the network", act.word());
+        return Err(Failure::new(
+            Exit::Link,
+            message,
+            "switch it to remote control at the top right of the teach pendant",
+        ));
+    }
+    Ok(())
+}
+
+fn refused(act: Act, answer: &str, now: &Standing) -> Failure {
+    told(format!("the controller refuses {}: {answer:?}", act.word()), act, now)
+}
+
+/// With how the robot stands, and what to do about that.
+fn told(message: String, act: Act, now: &Standing) -> Failure {
+    let exit = if now.safety.is_well() { Exit::Link } else { Exit::SafetyStop };
+    let Standing { mode, safety, program, program_name, .. } = now;
+    let message = format!(
+        "{message} (robot {}, safety {}, program {} {program_name})",
+        mode.name(),
+        safety.name(),
+        program.name()
+    );
+    Failure::new(exit, message, remedy(act, now))
+}
+
+fn remedy(act: Act, now: &Standing) -> String {
+    if let Err(failure) = check(act, now) {
+        return failure.problems.into_iter().find_map(|problem| problem.remedy).unwrap_or_default();
+    }
+    if act == Act::Unlock && now.safety == dashboard::Safety::ProtectiveStop {
+        return "look at the cause, wait five seconds after the stop, then unlock again".to_owned();
+    }
+    if let Some(action) = safety_action(now.safety) {
+        return action.to_owned();
+    }
+    match act {
+        Act::Play | Act::Stop => mode_action(now.mode).unwrap_or(
+            "close what pops up on the teach pendant (screed robot close-popup), and load a program there, or upload Screed's with \
+             screed robot play --upload",
+        ),
+        _ => "see the teach pendant: something may wait there for an answer",
+    }
+    .to_owned()
+}
+
+/// What a person has to do before the robot may move again; none where it may.
+pub fn safety_action(safety: dashboard::Safety) -> Option<&'static str> {
+    use dashboard::Safety as S;
+    Some(match safety {
+        S::Normal | S::Reduced => return None,
+        S::ProtectiveStop => "look at the cause, then screed robot unlock and screed robot play",
+        S::Recovery => "move the arm back within its limits at the teach pendant",
+        S::SafeguardStop | S::AutomaticModeSafeguardStop => "close the safeguard and reset it",
+        S::SystemEmergencyStop | S::RobotEmergencyStop => {
+            "release the emergency stop button when nobody is in danger, then screed robot power-on and brake-release"
+        }
+        S::Violation | S::Fault => {
+            "restart the safety system at the teach pendant after its message has been understood"
+        }
+        S::EnablingStop => "hold the three-position switch, or leave the manual mode",
+    })
+}
+
+/// What is missing until programs can run; none where nothing is.
+pub fn mode_action(mode: RobotMode) -> Option<&'static str> {
+    Some(match mode {
+        RobotMode::Running => return None,
+        RobotMode::NoController | RobotMode::Booting | RobotMode::UpdatingFirmware => {
+            "wait until the controller has started"
+        }
+        RobotMode::Disconnected => "connect the arm to its controller",
+        RobotMode::ConfirmSafety => "confirm the safety settings at the teach pendant",
+        RobotMode::PowerOff => "screed robot power-on, then screed robot brake-release",
+        RobotMode::PowerOn => "wait until the motors have power, then screed robot brake-release",
+        RobotMode::Idle => "screed robot brake-release",
+        RobotMode::Backdrive => "let go of the arm: leave freedrive",
+    })
+}

@@ -1,0 +1,100 @@
+//! Screed's program on the controller: sent over the primary interface, which starts it at once, and watched until it says that it
+//! waits for setpoints.
+
+use super::view::LookLine;
+use super::{ControllerError, Line, Place, acts};
+use crate::failure::{Exit, Failure};
+use crate::link::dashboard::RobotMode;
+use crate::link::primary::{self, Primary};
+use crate::link::rtde::look::State;
+use crate::link::rtde::program::ProgramState;
+use std::time::{Duration, Instant};
+
+/// How long a program may take to say that it waits; real controllers need less than a second.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// How long each line is listened to in turn.
+const TURN: Duration = Duration::from_millis(20);
+/// `runtime_state` of a program that does not run, and of one that plays.
+pub(super) const STOPPED: u32 = 1;
+pub(super) const PLAYING: u32 = 2;
+
+/// Sends a program and waits until it says that it waits for setpoints: a person has said so. A program that runs is not
+/// replaced.
+///
+/// # Errors
+/// [`Failure`] when another one runs, the robot is not ready, or the controller does not take it, with what it said.
+pub fn upload(place: &Place, register_offset: u8, text: &str) -> Result<(), Failure> {
+    let mut look = LookLine::connect(place, register_offset)?;
+    ready(&look.next()?.0)?;
+    let mut line = Line::connect("the primary interface", &place.host, place.primary)?;
+    line.send(&primary::program(text))?;
+    let (until, mut reader, mut said, mut seen) = (Instant::now() + PATIENCE, Primary::default(), Vec::new(), None);
+    let mut bytes = [0; 4096];
+    while Instant::now() < until {
+        if let Some(count) = line.receive(&mut bytes, Instant::now() + TURN)? {
+            if count == 0 {
+                said.push("it closed the connection".to_owned());
+                break;
+            }
+            reader.handle_bytes(bytes.get(..count).unwrap_or(&[])).map_err(ControllerError::from)?;
+        }
+        let mut is_error = false;
+        while let Some(message) = reader.poll_message() {
+            is_error |= message.is_exception;
+            said.push(message.text);
+        }
+        if let Some((state, _)) = look.by(Instant::now() + TURN)? {
+            if state.runtime_state == PLAYING && is_ours(state.program_state) {
+                return Ok(());
+            }
+            seen = Some(state);
+        }
+        if is_error {
+            break;
+        }
+    }
+    while let Some(text) = look.look.poll_text() {
+        said.push(text.message.to_string());
+    }
+    Err(not_taken(&said, seen.as_ref()))
+}
+
+/// Whether the output register says that a program of Screed waits or follows.
+pub(super) fn is_ours(code: i32) -> bool {
+    matches!(ProgramState::from_code(code), Some(ProgramState::Waiting | ProgramState::Following))
+}
+
+/// Whether a program can be started at all, and would not replace one that runs.
+fn ready(state: &State) -> Result<(), Failure> {
+    if state.runtime_state != STOPPED {
+        let message = "a program runs on the controller: Screed does not replace it";
+        return Err(Failure::new(Exit::Link, message, "screed robot stop, then upload again"));
+    }
+    // Bits 0 and 1: normal, reduced.
+    if state.safety_status_bits & 0b11 == 0 {
+        let message = format!("the robot stands in a safety stop (bits {:#x})", state.safety_status_bits);
+        return Err(Failure::new(Exit::SafetyStop, message, "screed robot status tells which, and what to do"));
+    }
+    let mode = RobotMode::from_code(state.robot_mode).unwrap_or(RobotMode::NoController);
+    match acts::mode_action(mode) {
+        None => Ok(()),
+        Some(action) => {
+            let message = format!("the robot is not ready for a program: {}", mode.name());
+            Err(Failure::new(Exit::Link, message, action))
+        }
+    }
+}
+
+fn not_taken(said: &[String], seen: Option<&State>) -> Failure {
+    let stand = match seen {
+        Some(state) if state.runtime_state == PLAYING => "a program plays, but its output register is not Screed's",
+        Some(_) => "no program plays",
+        None => "no state of the robot came",
+    };
+    let said = if said.is_empty() { String::new() } else { format!("; the controller says: {}", said.join(" | ")) };
+    Failure::new(
+        Exit::Link,
+        format!("the controller did not take the program: {stand}{said}"),
+        "switch the robot to remote control, close what pops up on the teach pendant, and upload again",
+    )
+}

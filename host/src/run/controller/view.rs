@@ -1,0 +1,146 @@
+//! What a controller tells of itself, read once: dashboard, RTDE, primary interface. Nothing is written.
+
+use super::{ControllerError, DashboardLine, Line, Place};
+use crate::link::dashboard::{self, ProgramState, RobotMode, Safety, Version};
+use crate::link::primary::{Kinematics, Primary};
+use crate::link::rtde::ControllerVersion;
+use crate::link::rtde::look::{Look, State};
+use crate::robot::calibration::ControllerTable;
+use std::time::{Duration, Instant};
+
+/// How long a state may take to come.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Joints that turn faster than this (rad/s) are not compared with a pose: the two may be of different cycles.
+const STILL: f64 = 1e-3;
+
+/// What was told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// What the dashboard tells.
+    pub standing: Standing,
+    /// The controller's software, as RTDE tells it.
+    pub controller: ControllerVersion,
+    /// Position, program, tool and payload.
+    pub state: State,
+    /// Whether the arm stood still.
+    pub is_still: bool,
+    /// Its table.
+    pub kinematics: Kinematics,
+}
+
+/// What the dashboard tells.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Standing {
+    /// The arm's model; old software does not tell.
+    pub model: Option<String>,
+    /// Its serial number; old software does not tell.
+    pub serial: Option<String>,
+    /// The dashboard's software.
+    pub software: Option<Version>,
+    /// Whether it takes commands from the network; controllers before the e-Series do not tell, and take them.
+    pub remote: Option<bool>,
+    /// Power and brakes.
+    pub mode: RobotMode,
+    /// The safety system.
+    pub safety: Safety,
+    /// The program.
+    pub program: ProgramState,
+    /// Its name.
+    pub program_name: String,
+}
+
+/// Looks at a controller whose program uses registers from `register_offset` on.
+///
+/// # Errors
+/// [`ControllerError`].
+pub fn view(place: &Place, register_offset: u8) -> Result<View, ControllerError> {
+    let standing = standing(&mut DashboardLine::connect(place)?)?;
+    let kinematics = kinematics(place)?;
+    let mut look = LookLine::connect(place, register_offset)?;
+    let (first, controller) = look.next()?;
+    let (state, _) = look.next()?;
+    let seconds = state.timestamp - first.timestamp;
+    let still = |(now, before): (&f64, &f64)| (now - before).abs() <= STILL * seconds;
+    let is_still = state.actual_q.iter().zip(&first.actual_q).all(still);
+    Ok(View { standing, controller, state, is_still, kinematics })
+}
+
+/// Asks the dashboard for everything it has to tell.
+///
+/// # Errors
+/// [`ControllerError`].
+pub fn standing(line: &mut DashboardLine) -> Result<Standing, ControllerError> {
+    let safety = match line.ask_if_known(&dashboard::SAFETY_STATUS)? {
+        Some(safety) => safety,
+        None => line.ask(&dashboard::SAFETY_MODE)?,
+    };
+    let (program, program_name) = line.ask(&dashboard::PROGRAM_STATE)?;
+    Ok(Standing {
+        model: line.ask_if_known(&dashboard::MODEL)?,
+        serial: line.ask_if_known(&dashboard::SERIAL)?,
+        software: line.ask_if_known(&dashboard::VERSION)?,
+        remote: line.ask_if_known(&dashboard::REMOTE_CONTROL)?,
+        mode: line.ask(&dashboard::ROBOT_MODE)?,
+        safety,
+        program,
+        program_name,
+    })
+}
+
+/// The arm's table, which the controller sends to whom connects.
+///
+/// # Errors
+/// [`ControllerError`].
+pub fn kinematics(place: &Place) -> Result<Kinematics, ControllerError> {
+    let mut line = Line::connect("the primary interface", &place.host, place.primary)?;
+    let (mut reader, until, mut bytes) = (Primary::default(), Instant::now() + PATIENCE, [0; 4096]);
+    loop {
+        match line.receive(&mut bytes, until)? {
+            None | Some(0) => return Err(line.silent(PATIENCE)),
+            Some(count) => reader.handle_bytes(bytes.get(..count).unwrap_or(&[]))?,
+        }
+        if let Some(kinematics) = reader.kinematics() {
+            return Ok(*kinematics);
+        }
+    }
+}
+
+/// Row by row.
+pub fn table(kinematics: &Kinematics) -> ControllerTable {
+    let Kinematics { theta, a, d, alpha, .. } = kinematics;
+    std::array::from_fn(|joint| [theta[joint], a[joint], d[joint], alpha[joint]])
+}
+
+/// A connection that looks at states.
+pub(super) struct LookLine {
+    line: Line,
+    pub look: Look,
+}
+
+impl LookLine {
+    pub(super) fn connect(place: &Place, register_offset: u8) -> Result<Self, ControllerError> {
+        Ok(Self { line: Line::connect("RTDE", &place.host, place.rtde)?, look: Look::new(register_offset) })
+    }
+
+    /// The next state.
+    pub(super) fn next(&mut self) -> Result<(State, ControllerVersion), ControllerError> {
+        self.by(Instant::now() + PATIENCE)?.ok_or_else(|| self.line.silent(PATIENCE))
+    }
+
+    /// The newest state, should one come until then.
+    pub(super) fn by(&mut self, until: Instant) -> Result<Option<(State, ControllerVersion)>, ControllerError> {
+        let mut bytes = [0; 4096];
+        loop {
+            let count = self.look.poll_transmit(&mut bytes);
+            self.line.send(bytes.get(..count).unwrap_or(&[]))?;
+            match self.line.receive(&mut bytes, until)? {
+                None => return Ok(None),
+                Some(0) => return Err(self.look.handle_closed().into()),
+                Some(count) => self.look.handle_bytes(bytes.get(..count).unwrap_or(&[]))?,
+            }
+            if let (Some(state), Some(controller)) = (self.look.poll_state(), self.look.controller()) {
+                return Ok(Some((state, controller)));
+            }
+        }
+    }
+}

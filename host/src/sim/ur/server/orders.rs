@@ -1,0 +1,75 @@
+//! Acts in real time: those with a time from the command line, and those that come as lines while the server runs.
+
+use super::SimError;
+use crate::sim::ur::act::{Act, Fault};
+use std::io::{self, BufRead, Write};
+use std::sync::mpsc::{Receiver, channel};
+
+/// What is still to be done.
+pub(super) struct Orders {
+    /// With the cycle they are due in, the next one last.
+    faults: Vec<(u64, Act)>,
+    lines: Option<Receiver<String>>,
+    json: bool,
+}
+
+impl Orders {
+    /// Faults at their times, and lines from the standard input where `control` says so.
+    pub(super) fn new(faults: &[Fault], cycles_per_second: u32, control: bool, json: bool) -> Self {
+        let due = |fault: &Fault| (fault.at * f64::from(cycles_per_second)).round() as u64;
+        let mut faults: Vec<_> = faults.iter().map(|fault| (due(fault), fault.act.clone())).collect();
+        // Stable: those of the same time in their order, once the list is read from its end.
+        faults.reverse();
+        faults.sort_by_key(|(due, _)| std::cmp::Reverse(*due));
+        let lines = control.then(|| {
+            let (sender, receiver) = channel();
+            // Ends with the input, or with the process.
+            std::thread::spawn(move || {
+                let mut lines = io::stdin().lock().lines();
+                while let Some(Ok(line)) = lines.next() {
+                    if sender.send(line).is_err() {
+                        break;
+                    }
+                }
+            });
+            receiver
+        });
+        Self { faults, lines, json }
+    }
+
+    /// The next act to be done in this cycle, if any; a line that is none is told.
+    pub(super) fn next(&mut self, cycle: u64) -> Result<Option<Act>, SimError> {
+        if let Some((_, act)) = self.faults.pop_if(|(due, _)| *due <= cycle) {
+            return Ok(Some(act));
+        }
+        while let Some(line) = self.lines.as_ref().and_then(|lines| lines.try_recv().ok()) {
+            if line.trim().is_empty() {
+                continue;
+            }
+            match line.parse() {
+                Ok(act) => return Ok(Some(act)),
+                Err(told) => self.say(&format!("{line}: {told}"), "error", &told)?,
+            }
+        }
+        Ok(None)
+    }
+
+    /// Says what was done, and when, in control cycles since the server's start.
+    pub(super) fn report(&self, cycle: u64, act: &Act, done: bool) -> Result<(), SimError> {
+        let outcome = if done { "done" } else { "refused in this state" };
+        if self.json {
+            return say(&serde_json::json!({"cycle": cycle, "act": format!("{act:?}"), "done": done}).to_string());
+        }
+        say(&format!("cycle {cycle}: {act:?} {outcome}"))
+    }
+
+    fn say(&self, sentence: &str, key: &str, value: &str) -> Result<(), SimError> {
+        if self.json { say(&serde_json::json!({ key: value }).to_string()) } else { say(sentence) }
+    }
+}
+
+/// One line, at once; whoever started this process may be waiting for it.
+pub(super) fn say(line: &str) -> Result<(), SimError> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{line}").and_then(|()| out.flush()).map_err(|source| SimError::Output { source })
+}
