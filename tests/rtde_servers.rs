@@ -362,16 +362,16 @@ fn refusals_name_cause_and_action() {
     let error = old.handle_bytes(Nanos(0), &package(b'O', types)).expect_err("not found");
     let text = error.to_string();
     assert!(
-        text.contains("(software 3.5.0.9) has no field output_int_register_24; registers from 24 on came"),
+        text.contains("(software 3.5.0.9) has no field output_int_register_24: registers from 24 on came"),
         "{text}"
     );
-    assert!(text.contains("3.9 and 5.3: update it, or set register_offset = 0"), "{text}");
+    assert!(text.contains("3.9 and 5.3; update it, or set register_offset = 0"), "{text}");
 
     // What a recipe file asks for is told with its place in it.
     let beside = RtdeClient::beside(Some(&recipes()), &UR10E, 500, 0, TIMEOUT_NS).expect("legal");
     let (_, text) = negotiate(&mut controller(Generation::ESeries), beside).expect_err("not found");
     assert!(
-        text.starts_with("robot.xml:7: recipe state: the controller (software 5.11.6.1) has no field dexterity; "),
+        text.starts_with("robot.xml:7: recipe state: the controller (software 5.11.6.1) has no field dexterity: "),
         "{text}"
     );
     let mut beside = RtdeClient::beside(Some(&recipes()), &UR10E, 500, 0, TIMEOUT_NS).expect("legal");

@@ -123,18 +123,21 @@ fn spoil(random: &mut Random, stream: &mut Vec<u8>) {
     }
 }
 
-/// One input: some of the sound packages in a row and spoilt, or random bytes.
-fn input(random: &mut Random, sound: &[Vec<u8>], stream: &mut Vec<u8>) {
+/// One input: random bytes, or some of the sound packages in a row, as they are or spoilt. It begins with `next` or anywhere.
+fn input(random: &mut Random, sound: &[Vec<u8>], next: usize, stream: &mut Vec<u8>) {
     stream.clear();
-    if random.bits().is_multiple_of(8) {
+    let kind = random.bits() % 16;
+    if kind == 0 {
         let count = random.bits() % 64;
         stream.extend((0..count).map(|_| random.bits() as u8));
         return;
     }
-    let first = random.bits() as usize % sound.len();
+    let first = if kind < 12 { next } else { random.bits() as usize } % sound.len();
     let count = 1 + random.bits() as usize % 4;
     sound.iter().skip(first).take(count).for_each(|package| stream.extend(package));
-    spoil(random, stream);
+    if kind.is_multiple_of(2) {
+        spoil(random, stream);
+    }
 }
 
 /// Hands a stream over in up to five parts.
@@ -221,8 +224,8 @@ impl Peer {
     }
 }
 
-/// Every kind of client in every phase of both protocols, and the sound packages of a whole connection.
-fn prepared() -> (Vec<Peer>, Vec<Vec<u8>>) {
+/// Every kind of client in every phase of both protocols, each with the place of what comes next among the sound packages.
+fn prepared() -> (Vec<(Peer, usize)>, Vec<Vec<u8>>) {
     let recipes = file::parse("recipes.xml", RECIPES).expect("sound");
     let (mut peers, mut sound) = (Vec::new(), Vec::new());
     for (kind, protocol) in (0..3).flat_map(|kind| [(kind, Protocol::Two), (kind, Protocol::One)]) {
@@ -242,7 +245,7 @@ fn prepared() -> (Vec<Peer>, Vec<Vec<u8>>) {
                 Peer::Reader(reader) => reader.poll_transmit(Nanos(0), &mut out),
             };
             if asked > 0 {
-                peers.push(peer.clone());
+                peers.push((peer.clone(), sound.len()));
             }
             controller.handle_bytes(connection, &out[..asked]);
             controller.step();
@@ -255,6 +258,7 @@ fn prepared() -> (Vec<Peer>, Vec<Vec<u8>>) {
         assert_eq!(peer.phase(), Phase::Running);
         peer.drain(Nanos(0), &mut hash);
         // What may follow: states, and texts of both protocols.
+        let next = sound.len();
         for _ in 0..20 {
             controller.step();
             let mut out = [0; 4096];
@@ -268,10 +272,10 @@ fn prepared() -> (Vec<Peer>, Vec<Vec<u8>>) {
         let mut paused = peer.clone();
         if let Peer::Reader(reader) = &mut paused {
             reader.pause().expect("running");
-            peers.push(paused);
+            peers.push((paused, next));
         }
         // As often as all others together: it is where a client spends its life.
-        peers.extend((0..6).map(|_| peer.clone()));
+        peers.extend((0..6).map(|_| (peer.clone(), next)));
     }
     sound.push(package(b'P', &[1]));
     (peers, sound)
@@ -281,10 +285,10 @@ fn clients(inputs: u64, seed: u64) -> String {
     let mut random = Random::new(seed);
     let (peers, sound) = prepared();
     let (mut hash, mut stream) = (Hash(0xcbf2_9ce4_8422_2325), Vec::with_capacity(1 << 16));
-    let (mut failed, mut running, mut sent_max) = (0_u64, 0_u64, 0);
+    let (mut failed, mut sent_max) = (0_u64, 0);
     for _ in 0..inputs {
-        let mut peer = peers[random.bits() as usize % peers.len()].clone();
-        input(&mut random, &sound, &mut stream);
+        let (mut peer, next) = peers[random.bits() as usize % peers.len()].clone();
+        input(&mut random, &sound, next, &mut stream);
         let calls = CALLS.load(Ordering::Relaxed);
         let mut result = Ok(());
         for part in parts(&mut random, &stream) {
@@ -300,16 +304,14 @@ fn clients(inputs: u64, seed: u64) -> String {
         assert!(sent_max <= CLIENT_OUT_MAX, "{sent_max} bytes to send at once");
         if let Err(error) = result {
             failed += 1;
-            assert_eq!(silent, Err(error), "a failed client stays failed");
+            // By its kind: a value that is no number differs from itself.
+            let again = silent.err().as_ref().map(discriminant);
+            assert_eq!(again, Some(discriminant(&error)), "a failed client stays failed");
             hash.add(format!("{:?}", discriminant(&error)).as_bytes());
         }
-        running += u64::from(peer.phase() == Phase::Running);
         INPUTS.fetch_add(1, Ordering::Relaxed);
     }
-    format!(
-        "{failed} refused, {running} ended running, at most {sent_max} bytes to send at once, no allocation; hash {:016x}",
-        hash.0
-    )
+    format!("{failed} refused, at most {sent_max} bytes to send at once, no allocation; hash {:016x}", hash.0)
 }
 
 fn new_controller() -> Controller {
@@ -365,7 +367,8 @@ fn controller(inputs: u64, seed: u64) -> String {
     for number in 0..inputs {
         let place = random.bits() as usize % CLIENTS;
         let client = clients[place];
-        input(&mut random, &sound, &mut stream);
+        let next = random.bits() as usize;
+        input(&mut random, &sound, next, &mut stream);
         parts(&mut random, &stream).for_each(|part| controller.handle_bytes(client, part));
         if number % 64 == 0 {
             controller.step();
@@ -381,7 +384,8 @@ fn controller(inputs: u64, seed: u64) -> String {
         }
         let is_cut = !controller.is_connected(client);
         cut += u64::from(is_cut);
-        if is_cut || random.bits().is_multiple_of(256) {
+        // A connection that was told of a large package swallows what follows.
+        if is_cut || random.bits().is_multiple_of(16) {
             controller.disconnect(client);
             clients[place] = controller.connect();
         }

@@ -7,7 +7,7 @@ use crate::link::rtde::file::{self, Recipe, RecipeFile};
 use crate::run::rtde_record::{self, RecordOptions, Recorded};
 use crate::run::signal;
 use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Write};
 
 /// The outputs of a recipe as CSV, until the time is up or Ctrl-C.
 pub fn record(args: &RtdeRecordArgs) -> Result<(), Failure> {
@@ -27,7 +27,8 @@ pub fn record(args: &RtdeRecordArgs) -> Result<(), Failure> {
     match &args.out {
         None => {
             let recorded = rtde_record::record(&options, &mut BufWriter::new(io::stdout().lock()))?;
-            eprint!("{}", summary(&recorded, args.rate));
+            // The table is whole, also where nobody hears this.
+            let _ = write!(io::stderr(), "{}", summary(&recorded, args.rate));
             Ok(())
         }
         Some(path) => {

@@ -168,15 +168,16 @@ impl RtdeClient {
         }
         let recipes = Recipes::screed(register_offset, file)?;
         let extra: usize = recipes.extra().iter().map(|field| field.kind.size()).sum();
-        let robot = Robot {
-            plausibility: Plausibility::new(arm),
-            pace: Pace::default(),
-            announced: false,
-            state: None,
-            skipped: 0,
-            extra: vec![0; extra].into_boxed_slice(),
-        };
-        Ok(Self { connection: Connection::new(recipes, rate_hz, timeout_ns)?, arm: *arm, robot })
+        let connection = Connection::new(recipes, rate_hz, timeout_ns);
+        Ok(Self { connection, arm: *arm, robot: Robot::new(arm, vec![0; extra].into_boxed_slice()) })
+    }
+
+    /// For a fresh connection: everything is agreed anew, and nothing is known of the robot.
+    pub fn restart(&mut self) {
+        self.connection.restart();
+        let mut extra = std::mem::take(&mut self.robot.extra);
+        extra.fill(0);
+        self.robot = Robot::new(&self.arm, extra);
     }
 
     /// Takes bytes from the robot, split anywhere.
@@ -273,6 +274,11 @@ impl RtdeClient {
 }
 
 impl Robot {
+    fn new(arm: &Arm<6>, extra: Box<[u8]>) -> Self {
+        let (plausibility, pace) = (Plausibility::new(arm), Pace::default());
+        Self { plausibility, pace, announced: false, state: None, skipped: 0, extra }
+    }
+
     fn take(&mut self, session: &mut Session, values: &[u8]) -> Result<(), LinkError> {
         let malformed = LinkError::Malformed { kind: wire::PackageKind::Data };
         let (state, extra) = RobotState::decode(values).ok_or(malformed)?;

@@ -143,7 +143,7 @@ pub fn record(options: &RecordOptions<'_>, out: &mut dyn Write) -> Result<Record
         failed: None,
         rows: 0,
     };
-    table.head(&reader.fields()[..reader.wanted()]);
+    table.head(reader.fields().get(..reader.wanted()).unwrap_or(&[]));
     let mut steps = Steps::default();
     let result = exchange(&mut stream, &mut reader, &mut table, &mut steps, options.stop);
     let flushed = table.out.flush();
@@ -216,7 +216,8 @@ fn exchange(
             Err(_) => Err(reader.handle_closed()),
         };
         while let Some((text, _)) = reader.poll_text() {
-            eprintln!("the controller says: {}", text.message);
+            // Whoever started this may have closed it.
+            let _ = writeln!(io::stderr(), "the controller says: {}", text.message);
         }
         result.map_err(|error| RecordError::Link { message: reader.explain(&error).to_string() })?;
     }

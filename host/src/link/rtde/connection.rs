@@ -67,7 +67,7 @@ impl Agreed {
 
 impl Connection {
     /// For a fresh connection; its first request waits.
-    pub fn new(recipes: Recipes, rate_hz: u32, timeout_ns: u64) -> Result<Self, LinkError> {
+    pub fn new(recipes: Recipes, rate_hz: u32, timeout_ns: u64) -> Self {
         let (longest, request) = (recipes.longest.max(INBOX_MIN), recipes.longest);
         let session = Session {
             recipes,
@@ -80,16 +80,18 @@ impl Connection {
             texts_lost: 0,
         };
         let mut connection = Self { inbox: Deframer::new(usize::from(longest)), session };
-        connection.restart()?;
-        Ok(connection)
+        connection.restart();
+        connection
     }
 
     /// Forgets all that was agreed and all bytes, and begins again.
-    pub fn restart(&mut self) -> Result<(), LinkError> {
+    pub fn restart(&mut self) {
         self.inbox.clear();
-        self.session.agreed = Agreed::NOTHING;
-        self.session.outbox_len = 0;
-        self.session.request(Phase::Version)
+        let session = &mut self.session;
+        (session.agreed, session.outbox_len) = (Agreed::NOTHING, 0);
+        (session.texts, session.texts_lost) = ([None; TEXTS_MAX], 0);
+        // There is room for every request.
+        session.agreed.failed = session.request(Phase::Version).err();
     }
 
     /// Takes bytes, split anywhere. The values of each data package are handed on, whatever the phase is.

@@ -41,7 +41,9 @@ pub enum LinkError {
     )]
     ProtocolRefused,
     /// The controller's cycle is slower than the wanted rate.
-    #[error("the controller (software {controller}) serves at most 125 Hz, {rate_hz} Hz wanted; set rate_hz = 125")]
+    #[error(
+        "the controller (software {controller}) serves at most 125 Hz, {rate_hz} Hz wanted; set rate_hz = 125, or ask for --rate 125 to record"
+    )]
     RateTooHigh {
         /// Its software; major below 5 is a CB3.
         controller: ControllerVersion,
@@ -208,14 +210,21 @@ fn not_found(field: &Field, controller: Option<&ControllerVersion>) -> String {
     let whose = controller.map_or_else(String::new, |version| format!(" (software {version})"));
     let prefixes = ["input_int_register_", "input_double_register_", "output_int_register_", "output_double_register_"];
     let upper = prefixes.iter().any(|prefix| fields::number(&name, prefix, REGISTERS_UPPER..REGISTERS).is_some());
-    let remedy = if upper {
-        "registers from 24 on came with software 3.9 and 5.3: update it, or set register_offset = 0"
-    } else if fields::output(&name).or(fields::input(&name)).is_some() {
-        "its software is older than the field, or it is no controller of Universal Robots: update it, or take the field out of the recipe"
+    let cause = if fields::output(&name).is_none() && fields::input(&name).is_some() {
+        return format!("the controller{whose} cannot send {name}, which is an input; take it out of the recipe");
+    } else if upper {
+        "registers from 24 on came with software 3.9 and 5.3"
+    } else if fields::output(&name).is_some() {
+        "its software is older than the field, or it is no controller of Universal Robots"
     } else {
-        "Screed does not know the field either: correct its name in the recipe, or update the controller"
+        "Screed does not know the field either: the recipe has its name wrong, or the controller is older than the field"
     };
-    format!("the controller{whose} has no field {name}; {remedy}")
+    let remedy = match (field.line, upper) {
+        (0, true) => "update it, or set register_offset = 0",
+        (0, false) => "update it",
+        _ => "update it, or take the field out of the recipe",
+    };
+    format!("the controller{whose} has no field {name}: {cause}; {remedy}")
 }
 
 fn in_use(field: &Field, used: u16, of: u16) -> String {

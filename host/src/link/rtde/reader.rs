@@ -23,7 +23,7 @@ impl RtdeReader {
     /// [`LinkError::RecipeTooLong`].
     pub fn new(file: &RecipeFile, recipe: &Recipe, rate_hz: u32, timeout_ns: u64) -> Result<Self, LinkError> {
         let recipes = Recipes::reading(recipe, file)?;
-        Ok(Self { connection: Connection::new(recipes, rate_hz, timeout_ns)?, wanted: recipe.fields.len() })
+        Ok(Self { connection: Connection::new(recipes, rate_hz, timeout_ns), wanted: recipe.fields.len() })
     }
 
     /// Takes bytes, split anywhere; each data package that is complete is handed on: the values of [`Self::fields`].

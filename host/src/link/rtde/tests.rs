@@ -415,3 +415,26 @@ fn program_parameters_outside_their_range_are_named() {
         }
     }
 }
+
+#[test]
+fn after_a_restart_everything_is_agreed_anew_also_by_another_protocol() {
+    let mut client = running();
+    client.handle_bytes(Nanos(0), &data(&state(5))).expect("sound");
+    client.handle_bytes(Nanos(0), b"\x00\x03Z\x00").expect_err("an unknown package");
+    client.restart();
+    assert_eq!((client.phase(), client.poll_event(), client.poll_timeout()), (Phase::Version, None, None));
+    assert_eq!(transmitted(&mut client), b"\x00\x05V\x00\x02");
+    client.handle_bytes(Nanos(0), &package(b'V', &[0])).expect("refused");
+    assert_eq!(transmitted(&mut client), b"\x00\x05V\x00\x01");
+    client.restart();
+    for answer in answers() {
+        assert!(!transmitted(&mut client).is_empty());
+        client.handle_bytes(Nanos(0), &answer).expect("a good answer");
+    }
+    assert!(matches!(client.poll_event(), Some(Event::Running { .. })));
+    // The controller's time began anew, too, and the robot is somewhere else.
+    let mut moved = state(0);
+    moved.actual_q.0[0] += 1.0;
+    client.handle_bytes(Nanos(0), &data(&moved)).expect("nothing is compared with what was before");
+    assert_eq!(client.poll_event(), Some(Event::State { state: moved, skipped: 0 }));
+}
