@@ -3,7 +3,8 @@
 //! time alike.
 //!
 //! What is modelled and what is not is said where it happens: [`servo`] and [`body`] for the motion, [`script`] for the
-//! program, [`session`] for RTDE, [`dashboard`] for its commands, [`robot`] for power and safety.
+//! program, [`session`] for RTDE, [`dashboard`] for its commands, [`robot`] for power and safety, [`act`] for what goes wrong on
+//! demand.
 
 pub mod act;
 pub mod body;

@@ -146,6 +146,8 @@ fn place(text: &str, count: usize) -> Result<(usize, &str), String> {
 pub struct Fault {
     /// Which.
     pub act: Act,
+    /// As it was written.
+    pub text: String,
     /// When, counted from the server's start (s).
     pub at: f64,
 }
@@ -156,7 +158,7 @@ impl std::str::FromStr for Fault {
     /// `KIND@SECONDS`, for example `silence=0.5@10`.
     fn from_str(text: &str) -> Result<Self, String> {
         let (act, at) = text.rsplit_once('@').ok_or_else(|| format!("expected KIND@SECONDS, found {text:?}"))?;
-        Ok(Self { act: act.parse()?, at: seconds(at)? })
+        Ok(Self { act: act.parse()?, text: act.to_owned(), at: seconds(at)? })
     }
 }
 
@@ -198,7 +200,8 @@ mod tests {
             let found = text.parse::<Act>().expect_err(text);
             assert!(found.contains(told), "{text}: {found}");
         }
-        assert_eq!("silence=0.5@10".parse(), Ok(Fault { act: Act::Silence(0.5), at: 10.0 }));
+        let text = "silence=0.5".to_owned();
+        assert_eq!("silence=0.5@10".parse(), Ok(Fault { act: Act::Silence(0.5), text, at: 10.0 }));
         assert!("reset".parse::<Fault>().is_err_and(|told| told.contains("KIND@SECONDS")));
     }
 }

@@ -313,7 +313,7 @@ impl Server {
 
     /// Does what is due.
     fn obey(&mut self) -> Result<(), SimError> {
-        while let Some(act) = self.orders.next(self.ticks)? {
+        while let Some((act, text)) = self.orders.next(self.ticks)? {
             let done = self.controller.act(&act).is_ok();
             match act {
                 Act::Reset => {
@@ -332,7 +332,7 @@ impl Server {
                 }
                 _ => {}
             }
-            self.orders.report(self.ticks, &act, done)?;
+            self.orders.report(self.ticks, &text, done)?;
         }
         Ok(())
     }

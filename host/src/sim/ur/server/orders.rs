@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, channel};
 /// What is still to be done.
 pub(super) struct Orders {
     /// With the cycle they are due in, the next one last.
-    faults: Vec<(u64, Act)>,
+    faults: Vec<(u64, Fault)>,
     lines: Option<Receiver<String>>,
     json: bool,
 }
@@ -17,7 +17,7 @@ impl Orders {
     /// Faults at their times, and lines from the standard input where `control` says so.
     pub(super) fn new(faults: &[Fault], cycles_per_second: u32, control: bool, json: bool) -> Self {
         let due = |fault: &Fault| (fault.at * f64::from(cycles_per_second)).round() as u64;
-        let mut faults: Vec<_> = faults.iter().map(|fault| (due(fault), fault.act.clone())).collect();
+        let mut faults: Vec<_> = faults.iter().map(|fault| (due(fault), fault.clone())).collect();
         // Stable: those of the same time in their order, once the list is read from its end.
         faults.reverse();
         faults.sort_by_key(|(due, _)| std::cmp::Reverse(*due));
@@ -37,17 +37,17 @@ impl Orders {
         Self { faults, lines, json }
     }
 
-    /// The next act to be done in this cycle, if any; a line that is none is told.
-    pub(super) fn next(&mut self, cycle: u64) -> Result<Option<Act>, SimError> {
-        if let Some((_, act)) = self.faults.pop_if(|(due, _)| *due <= cycle) {
-            return Ok(Some(act));
+    /// The next act to be done in this cycle, if any, and how it was written; a line that is none is told.
+    pub(super) fn next(&mut self, cycle: u64) -> Result<Option<(Act, String)>, SimError> {
+        if let Some((_, fault)) = self.faults.pop_if(|(due, _)| *due <= cycle) {
+            return Ok(Some((fault.act, fault.text)));
         }
         while let Some(line) = self.lines.as_ref().and_then(|lines| lines.try_recv().ok()) {
             if line.trim().is_empty() {
                 continue;
             }
             match line.parse() {
-                Ok(act) => return Ok(Some(act)),
+                Ok(act) => return Ok(Some((act, line.trim().to_owned()))),
                 Err(told) => self.say(&format!("{line}: {told}"), "error", &told)?,
             }
         }
@@ -55,12 +55,11 @@ impl Orders {
     }
 
     /// Says what was done, and when, in control cycles since the server's start.
-    pub(super) fn report(&self, cycle: u64, act: &Act, done: bool) -> Result<(), SimError> {
-        let outcome = if done { "done" } else { "refused in this state" };
+    pub(super) fn report(&self, cycle: u64, act: &str, done: bool) -> Result<(), SimError> {
         if self.json {
-            return say(&serde_json::json!({"cycle": cycle, "act": format!("{act:?}"), "done": done}).to_string());
+            return say(&serde_json::json!({"cycle": cycle, "act": act, "done": done}).to_string());
         }
-        say(&format!("cycle {cycle}: {act:?} {outcome}"))
+        say(&format!("cycle {cycle}: {act} {}", if done { "done" } else { "refused in this state" }))
     }
 
     fn say(&self, sentence: &str, key: &str, value: &str) -> Result<(), SimError> {
