@@ -155,6 +155,11 @@ fn another_robot_than_the_cells_is_found() {
     thread::sleep(Duration::from_millis(200));
     assert_eq!(bad(&cell, &place), ["robot model", "kinematics", "tool pose"]);
     assert_eq!(bad(&other, &place), [""; 0]);
+    // Where ports are not as on a robot, the cell names them.
+    let mut forwarded = other.clone();
+    forwarded.link.port = place.rtde;
+    (forwarded.link.dashboard_port, forwarded.link.primary_port) = (Some(place.dashboard), Some(place.primary));
+    assert_eq!(Place::of(&forwarded).unwrap(), place);
     let mut named = other.clone();
     named.robot.serial = Some("1".to_owned());
     assert_eq!(bad(&named, &place), ["serial number"]);

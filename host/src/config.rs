@@ -157,8 +157,12 @@ pub struct Link {
     pub kind: LinkKind,
     /// Host name or IP address, without port.
     pub address: String,
-    /// TCP port.
+    /// TCP port of RTDE.
     pub port: u16,
+    /// Port of the controller's dashboard, where it is not as far from RTDE's as on a robot.
+    pub dashboard_port: Option<u16>,
+    /// Likewise of its primary interface.
+    pub primary_port: Option<u16>,
     /// Setpoints a second: 125 or 500.
     pub rate_hz: u32,
     /// First input register that Screed uses: 0 or 24.

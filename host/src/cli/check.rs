@@ -49,9 +49,11 @@ fn describe_cell(cell: &Cell) -> String {
     let tcp = cell.robot.arm.forward(&cell.robot.start) * cell.tool.flange_from_tcp;
     let part = cell.part.base_from_part.translation;
     let kind = if cell.robot.simulated { "simulated" } else { "real" };
-    let geometry = cell.robot.calibration.map_or("nominal".to_owned(), |unit| {
-        format!("calibrated, {:.1} mm off nominal on average", millimetres(unit.deviation_mean))
-    });
+    let geometry = match &cell.robot.calibration {
+        Some(unit) => format!("calibrated, {:.1} mm off nominal on average", millimetres(unit.deviation_mean)),
+        None if cell.robot.calibration_of_controller => "nominal until the controller tells its own".to_owned(),
+        None => "nominal".to_owned(),
+    };
     let (limits, link) = (&cell.limits, &cell.link);
     format!(
         "cell {}: sound\n\

@@ -166,6 +166,13 @@ pub fn of_controller(cell: &mut Cell, view: &View) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Says that a cell which takes its controller's calibration is planned without it.
+pub fn tell_nominal(cell: &Cell) {
+    if cell.robot.calibration_of_controller && cell.robot.calibration.is_none() {
+        tell_person("note: planned with nominal geometry; the controller's calibration is read before a print");
+    }
+}
+
 /// The findings as lines: a mark, what, what was found.
 fn tell(findings: &[Finding]) -> String {
     let line = |Finding { what, text, verdict }: &Finding| {

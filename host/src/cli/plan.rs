@@ -1,6 +1,7 @@
 //! `screed plan`
 
 use super::args::PlanArgs;
+use super::controller::tell_nominal;
 use super::{read_model, say};
 use crate::config::{self, Cell};
 use crate::failure::{Exit, Failure};
@@ -15,6 +16,7 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
         Some(path) => config::load(path)?,
         None => Cell::demo(args.rate)?,
     };
+    tell_nominal(&cell);
     let options = Options { from_layer: args.from_layer, layers: args.layers, dry: false };
     let plan = Plan::new(&model, &cell, &options, &cell.robot.start)?;
     let report = Report::new(&plan);

@@ -24,8 +24,10 @@ pub fn run(args: &PrintArgs) -> Result<(), Failure> {
         stop_after: None,
         first_layer_rate: (!cell.robot.simulated).then_some(cell.robot.first_layer_rate),
     };
-    // What cannot be planned from anywhere is told before a robot is asked for.
-    if !args.fast {
+    if args.fast {
+        controller::tell_nominal(&cell);
+    } else {
+        // What cannot be planned from anywhere is told before a robot is asked for.
         Plan::new(&model, &cell, &wishes.plan, &cell.robot.start)?;
         robot_is_ready(args, &mut cell)?;
     }

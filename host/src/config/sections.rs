@@ -231,6 +231,8 @@ fn link(document: &mut Document<'_>, simulated: Option<bool>) -> Option<Link> {
     let address = section.text("address");
     let address = address.and_then(|address| host(&mut section, address, simulated));
     let port = section.integer_or("port", 1..=65_535, 30_004);
+    let dashboard_port = section.integer_if_given("dashboard_port", 1..=65_535);
+    let primary_port = section.integer_if_given("primary_port", 1..=65_535);
     let rate = section.either("rate_hz", RATES_HZ);
     let recipes = recipes(&mut section, folder);
     let register_offset = register_offset(&mut section, recipes.as_ref().and_then(Option::as_ref));
@@ -248,6 +250,8 @@ fn link(document: &mut Document<'_>, simulated: Option<bool>) -> Option<Link> {
         kind: kind?,
         address: address?,
         port: u16::try_from(port?).ok()?,
+        dashboard_port: dashboard_port?.map(u16::try_from).transpose().ok()?,
+        primary_port: primary_port?.map(u16::try_from).transpose().ok()?,
         rate_hz: u32::try_from(rate?).ok()?,
         register_offset: register_offset?,
         recipes: recipes?,

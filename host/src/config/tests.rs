@@ -254,6 +254,50 @@ fn a_calibration_lies_beside_the_cell_file_and_is_judged() {
 }
 
 #[test]
+fn a_unit_is_named_and_may_be_calibrated_by_its_controller() {
+    let robot = |keys: &str| DEMO.replacen("simulated = true\n", &format!("simulated = true\n{keys}\n"), 1);
+    let usual = parse("cell.toml", DEMO).unwrap();
+    assert_eq!((usual.robot.serial, usual.robot.first_layer_rate), (None, 0.5));
+    assert_eq!((usual.tool.payload, usual.tool.payload_cog), (None, None));
+    let ports =
+        parse("cell.toml", &DEMO.replacen("[link]", "[link]\ndashboard_port = 7\nprimary_port = 8", 1)).unwrap();
+    assert_eq!((ports.link.dashboard_port, ports.link.primary_port), (Some(7), Some(8)));
+    let text = robot("serial = \"20195500123\"\ncalibration = \"controller\"\nfirst_layer_rate = 0.3").replacen(
+        "[tool]\n",
+        "[tool]\npayload_kg = 4.5\npayload_cog_mm = [0, -20, 85]\n",
+        1,
+    );
+    let cell = parse("cell.toml", &text).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!((cell.robot.serial.as_deref(), cell.robot.first_layer_rate), (Some("20195500123"), 0.3));
+    assert_eq!((cell.tool.payload, cell.tool.payload_cog), (Some(4.5), Some([0.0, -0.02, 0.085])));
+    assert!(cell.robot.calibration_of_controller && cell.robot.calibration.is_none());
+    for (keys, expected) in [
+        ("first_layer_rate = 1.5", "first_layer_rate: expected a number from 0.05 to 1"),
+        ("first_layer_rate = 0", "first_layer_rate: expected a number from 0.05 to 1"),
+        ("serial = 20195500123", "serial: expected a text in quotes"),
+    ] {
+        let error = parse("cell.toml", &robot(keys)).expect_err(keys).to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+
+    // What moves the robot has to have the unit's table, and takes none where the cell wants none.
+    let folder = tempfile::tempdir().expect("a folder");
+    let (file, unit) = (folder.path().join("cell.toml"), folder.path().join("unit.conf"));
+    let zero = "[0, 0, 0, 0, 0, 0]";
+    let lists =
+        format!("delta_theta = {zero}\ndelta_a = {zero}\ndelta_d = [0, 0, 0, 0, 0, 0.003]\ndelta_alpha = {zero}\n");
+    std::fs::write(&unit, format!("[mounting]\n{lists}")).expect("a file");
+    std::fs::write(&file, &text).expect("a file");
+    assert!(matches!(load_to_move(&file, None), Err(ConfigError::ControllersCalibration { is_wanted: true })));
+    let cell = load_to_move(&file, Some(&unit)).unwrap_or_else(|error| panic!("{error}"));
+    assert!((cell.robot.arm.dh[5].d - 0.11955).abs() < 1e-15 && cell.robot.calibration.is_some());
+    assert!(matches!(load_to_move(&file, Some(&file)), Err(ConfigError::Calibration(_))));
+    std::fs::write(&file, DEMO).expect("a file");
+    assert!(matches!(load_to_move(&file, Some(&unit)), Err(ConfigError::ControllersCalibration { is_wanted: false })));
+    assert!(load_to_move(&file, None).is_ok());
+}
+
+#[test]
 fn everything_missing_is_reported_at_once() {
     let ConfigError::Invalid { findings } = parse("cell.toml", "name = \"empty\"").expect_err("an empty cell") else {
         panic!("another error")

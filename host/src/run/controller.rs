@@ -43,15 +43,7 @@ impl Place {
     /// # Errors
     /// A usage [`Failure`] when there is no room below.
     pub fn new(host: &str, rtde: u16) -> Result<Self, Failure> {
-        let below = |distance| rtde.checked_sub(distance).filter(|port| *port > 0);
-        match (below(5), below(3)) {
-            (Some(dashboard), Some(primary)) => Ok(Self { host: host.to_owned(), dashboard, primary, rtde }),
-            _ => Err(Failure::new(
-                Exit::Usage,
-                format!("port {rtde} of RTDE leaves no room for the controller's other ports below it"),
-                "give the port of RTDE, 30004 on a robot",
-            )),
-        }
+        Self::with(host, rtde, None, None)
     }
 
     /// The cell's.
@@ -59,7 +51,20 @@ impl Place {
     /// # Errors
     /// As [`Self::new`].
     pub fn of(cell: &Cell) -> Result<Self, Failure> {
-        Self::new(&cell.link.address, cell.link.port)
+        let link = &cell.link;
+        Self::with(&link.address, link.port, link.dashboard_port, link.primary_port)
+    }
+
+    fn with(host: &str, rtde: u16, dashboard: Option<u16>, primary: Option<u16>) -> Result<Self, Failure> {
+        let below = |distance| rtde.checked_sub(distance).filter(|port| *port > 0);
+        match (dashboard.or(below(5)), primary.or(below(3))) {
+            (Some(dashboard), Some(primary)) => Ok(Self { host: host.to_owned(), dashboard, primary, rtde }),
+            _ => Err(Failure::new(
+                Exit::Usage,
+                format!("port {rtde} of RTDE leaves no room for the controller's other ports below it"),
+                "give the port of RTDE, 30004 on a robot, or dashboard_port and primary_port in [link] of a cell file",
+            )),
+        }
     }
 }
 

@@ -156,7 +156,7 @@ pub struct PlayArgs {
     #[command(flatten)]
     pub act: ActArgs,
     /// Upload Screed's program for the cell, which starts it
-    #[arg(long, requires = "cell")]
+    #[arg(long, conflicts_with = "address")]
     pub upload: bool,
 }
 

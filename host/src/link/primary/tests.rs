@@ -1,23 +1,15 @@
 use super::*;
+use crate::config::Cell;
 use crate::robot::sample::Random;
 use crate::sim::ur::robot::Generation;
 use crate::sim::ur::streams::{Port, Stream};
 use crate::sim::ur::{Controller, Options};
 use screed_kernel::arms::ur::UR10E;
-use screed_kernel::pose::Pose;
-use screed_kernel::units::JointPos;
 
 /// What a simulated controller sends in its first second.
 fn greeting(generation: Generation) -> Vec<u8> {
-    let options = Options {
-        start_q: JointPos([0.3, -1.2, 1.9, -2.2, -1.5, 0.1]),
-        flange_from_tcp: Pose::identity(),
-        register_offset: 0,
-        program: "def test():\n  while True:\n    sync()\n  end\nend\n".to_owned(),
-        autoplay: true,
-        generation,
-        powered: true,
-    };
+    let program = "def test():\n  while True:\n    sync()\n  end\nend\n".to_owned();
+    let options = Options { generation, ..Options::of(&Cell::demo(125).unwrap(), program) };
     let mut robot = Controller::new(&UR10E, options).unwrap();
     let (mut stream, mut bytes) = (Stream::new(Port::Primary), Vec::new());
     for _ in 0..generation.cycle_rate() {

@@ -16,10 +16,11 @@ const PACKAGE_MAX: usize = 2048;
 const RATE: f64 = 25.0;
 /// Texts kept until they are polled; older ones go.
 const TEXTS_MAX: usize = 32;
-/// How many fields every controller has; those behind are newer.
+/// How many fields every controller has, and how many there are; those behind are newer.
 const REQUIRED: usize = 7;
+const COUNT: usize = REQUIRED + 3;
 
-const fn fields(register_offset: u8) -> [(&'static str, FieldType); REQUIRED + 3] {
+const fn fields(register_offset: u8) -> [(&'static str, FieldType); COUNT] {
     [
         ("timestamp", FieldType::Double),
         ("actual_q", FieldType::Vector6d),
@@ -110,7 +111,7 @@ pub struct Look {
     protocol: u16,
     controller: Option<ControllerVersion>,
     /// Which fields are asked for.
-    wanted: [bool; REQUIRED + 3],
+    wanted: [bool; COUNT],
     recipe: u8,
     state: Option<State>,
     texts: VecDeque<TextMessage>,
@@ -127,7 +128,7 @@ impl Look {
             phase: Phase::Version(2),
             protocol: 2,
             controller: None,
-            wanted: [true; REQUIRED + 3],
+            wanted: [true; COUNT],
             recipe: 0,
             state: None,
             texts: VecDeque::new(),
@@ -312,11 +313,11 @@ impl Look {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::Cell;
     use crate::robot::sample::Random;
     use crate::sim::ur::robot::Generation;
     use crate::sim::ur::{Controller, Options};
     use screed_kernel::arms::ur::UR10E;
-    use screed_kernel::pose::Pose;
     use screed_kernel::units::JointPos;
 
     const START: JointPos<6> = JointPos([0.3, -1.2, 1.9, -2.2, -1.5, 0.1]);
@@ -367,17 +368,11 @@ mod tests {
     #[test]
     fn a_simulated_robot_is_seen_and_nothing_is_written() {
         for (generation, major) in [(Generation::ESeries, 5), (Generation::Cb3, 3)] {
-            let options = Options {
-                start_q: START,
-                flange_from_tcp: Pose::from_translation(0.0, 0.0, 0.2),
-                register_offset: 24,
-                program: "def test():\n  write_output_integer_register(24, 7)\n  set_payload(1.5, [0.1, 0.0, 0.2])\n  \
-                          while True:\n    sync()\n  end\nend\n"
-                    .to_owned(),
-                autoplay: true,
-                generation,
-                powered: true,
-            };
+            let program = "def test():\n  write_output_integer_register(24, 7)\n  set_payload(1.5, [0.1, 0.0, 0.2])\n  \
+                           while True:\n    sync()\n  end\nend\n";
+            let cell = Cell::demo(125).unwrap();
+            let options =
+                Options { start_q: START, register_offset: 24, generation, ..Options::of(&cell, program.to_owned()) };
             let mut robot = Controller::new(&UR10E, options).unwrap();
             let (client, mut look, mut seen) = (robot.connect(), Look::new(24), None);
             for _ in 0..200 {

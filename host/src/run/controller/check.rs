@@ -240,15 +240,13 @@ fn apart(a: &Pose, b: &Pose) -> [f64; 2] {
     [between.translation.norm(), between.rotation_vector().norm()]
 }
 
+/// Both come in one package, so they are of one cycle, whether the arm moves or not.
 fn pose(cell: &Cell, view: &View) -> Finding {
     const WHAT: &str = "tool pose";
     let state = &view.state;
     let Some(offset) = state.tcp_offset else {
         return Finding::note(WHAT, "not compared: the controller's software does not tell its tool");
     };
-    if !view.is_still {
-        return Finding::note(WHAT, "not compared: the arm moves");
-    }
     let computed = cell.robot.arm.forward(&JointPos(state.actual_q)) * vector(offset);
     let [distance, angle] = apart(&computed, &vector(state.actual_tcp_pose));
     let text =

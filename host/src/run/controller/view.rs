@@ -10,8 +10,6 @@ use std::time::{Duration, Instant};
 
 /// How long a state may take to come.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Joints that turn faster than this (rad/s) are not compared with a pose: the two may be of different cycles.
-const STILL: f64 = 1e-3;
 
 /// What was told.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,8 +20,6 @@ pub struct View {
     pub controller: ControllerVersion,
     /// Position, program, tool and payload.
     pub state: State,
-    /// Whether the arm stood still.
-    pub is_still: bool,
     /// Its table.
     pub kinematics: Kinematics,
 }
@@ -57,12 +53,8 @@ pub fn view(place: &Place, register_offset: u8) -> Result<View, ControllerError>
     let standing = standing(&mut DashboardLine::connect(place)?)?;
     let kinematics = kinematics(place)?;
     let mut look = LookLine::connect(place, register_offset)?;
-    let (first, controller) = look.next()?;
-    let (state, _) = look.next()?;
-    let seconds = state.timestamp - first.timestamp;
-    let still = |(now, before): (&f64, &f64)| (now - before).abs() <= STILL * seconds;
-    let is_still = state.actual_q.iter().zip(&first.actual_q).all(still);
-    Ok(View { standing, controller, state, is_still, kinematics })
+    let (state, controller) = look.next()?;
+    Ok(View { standing, controller, state, kinematics })
 }
 
 /// Asks the dashboard for everything it has to tell.
