@@ -33,7 +33,6 @@ pub fn act(args: &ActArgs, act: Act) -> Result<(), Failure> {
     let (place, cell) = target(&args.controller)?;
     let mut line = DashboardLine::connect(&place)?;
     let before = view::standing(&mut line)?;
-    acts::check(act, &before)?;
     if let Some(warning) = act.warning(&before) {
         agreed(act.word(), warning, &place, &before, cell.as_ref(), args.yes)?;
     }
@@ -64,7 +63,6 @@ pub fn prepare(place: &Place, cell: &mut Cell, upload: Option<bool>) -> Result<S
     {
         findings.remove(place_of_program);
         check::failure(&findings).map_or(Ok(()), Err)?;
-        acts::check(Act::Play, &view.standing)?;
         let warning = "Screed's program is sent and plays; it holds the arm where it is until setpoints come";
         agreed("upload", warning, place, &view.standing, Some(cell), yes)?;
         program::upload(place, cell.link.register_offset, &demo::program(cell)?)?;

@@ -116,22 +116,6 @@ pub fn act(line: &mut DashboardLine, act: Act) -> Result<Standing, Failure> {
     }
 }
 
-/// Why an act would be refused, as far as the controller tells beforehand.
-///
-/// # Errors
-/// The [`Failure`] to report.
-pub fn check(act: Act, standing: &Standing) -> Result<(), Failure> {
-    if standing.remote == Some(false) {
-        let message = format!("{}: the robot is in local control and takes no commands from the network", act.word());
-        return Err(Failure::new(
-            Exit::Link,
-            message,
-            "switch it to remote control at the top right of the teach pendant",
-        ));
-    }
-    Ok(())
-}
-
 fn refused(act: Act, answer: &str, now: &Standing) -> Failure {
     told(format!("the controller refuses {}: {answer:?}", act.word()), act, now)
 }
@@ -150,14 +134,17 @@ fn told(message: String, act: Act, now: &Standing) -> Failure {
 }
 
 fn remedy(act: Act, now: &Standing) -> String {
-    if let Err(failure) = check(act, now) {
-        return failure.problems.into_iter().find_map(|problem| problem.remedy).unwrap_or_default();
-    }
     if act == Act::Unlock && now.safety == dashboard::Safety::ProtectiveStop {
         return "look at the cause, wait five seconds after the stop, then unlock again".to_owned();
     }
     if let Some(action) = safety_action(now.safety) {
         return action.to_owned();
+    }
+    // A controller without the feature of remote control says the same, and obeys: so it is no reason before it refuses.
+    if now.remote == Some(false) {
+        return "switch the robot to remote control at the top right of the teach pendant; if it has no such switch, something may \
+                wait on the pendant for an answer"
+            .to_owned();
     }
     match act {
         Act::Play | Act::Stop => mode_action(now.mode).unwrap_or(

@@ -168,7 +168,7 @@ fn remote(view: &View) -> Finding {
         None => Finding::good(WHAT, "not known to this software, which needs none"),
         Some(false) => Finding::note(
             WHAT,
-            "off: power, play and upload are refused until it is switched on at the top right of the teach pendant",
+            "off: where the robot has a switch for it at the top right of the teach pendant, power, play and upload are refused until it is on",
         ),
     }
 }
