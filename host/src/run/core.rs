@@ -452,7 +452,7 @@ impl Core {
 
     fn check(&mut self, result: Result<(), LinkError>) -> Result<(), LinkError> {
         if let Err(error) = result {
-            self.kernel.robot_lost();
+            self.kernel.robot_lost(Fault::Link);
             self.stop_extruder();
             self.alarm(true, &error);
         }

@@ -293,6 +293,7 @@ impl Job {
                 return Err(JobError::Link(note.as_str().to_owned()));
             }
             FromKernel::Alarm { fatal: false, note } => self.alarms.push(note.as_str().to_owned()),
+            FromKernel::Cycles(_) => {}
             FromKernel::Path { tick, joints } => self.account.on_path(tick, &joints),
             FromKernel::Loop(record) => self.on_loop(&record),
             // Told as soon as it is found; the job ends once the arm rests, by the status that repeats it.
