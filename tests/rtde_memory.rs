@@ -87,5 +87,7 @@ fn negotiation_operation_and_failure_allocate_nothing() {
     }
     assert!(states > 900, "{states} states");
     counted(&mut allocations, || client.handle_bytes(now, b"\x00\x03Z").expect_err("an unknown package"));
+    counted(&mut allocations, || client.restart());
+    assert!(counted(&mut allocations, || client.poll_transmit(now, &mut bytes)) > 0);
     assert_eq!(allocations, 0);
 }

@@ -8,7 +8,9 @@
 //! RTDE has no checksum. Sizes, types, recipes and values are checked as far as a wrong one can be recognised; a wrong value
 //! that is possible passes. After any error the client stays failed: a stream that lost its package borders is never read on.
 
+pub mod cycles;
 pub mod error;
+mod limits;
 pub mod program;
 pub mod recipe;
 #[cfg(test)]
@@ -19,9 +21,11 @@ pub use error::LinkError;
 pub use recipe::RobotState;
 pub use wire::{TextLevel, TextMessage};
 
+use cycles::CycleCount;
+use limits::StepLimit;
 use recipe::{Field, INPUT_PACKAGE_SIZE, OUTPUT_PACKAGE_SIZE, Plausibility};
 use screed_kernel::arm::Arm;
-use screed_kernel::units::{JointPos, Nanos};
+use screed_kernel::units::{JointPos, JointVel, Nanos};
 use std::fmt;
 use wire::{Deframer, HEADER_LEN, Header, PackageKind, PackageWriter, PayloadReader};
 
@@ -107,6 +111,8 @@ pub enum Event {
 pub struct RtdeClient {
     inbox: Deframer,
     session: Session,
+    /// As it is for a fresh connection.
+    fresh: Session,
 }
 
 /// Everything but the bytes of the package being read.
@@ -126,6 +132,8 @@ struct Session {
     output_recipe: u8,
     input_recipe: u8,
     plausibility: Plausibility,
+    step_limit: StepLimit,
+    cycles: CycleCount,
     announce_running: bool,
     state: Option<RobotState>,
     skipped: u32,
@@ -161,6 +169,8 @@ impl RtdeClient {
             output_recipe: 0,
             input_recipe: 0,
             plausibility: Plausibility::new(arm),
+            step_limit: StepLimit::new(arm.velocity_max.known(), rate_hz),
+            cycles: CycleCount::new(rate_hz),
             announce_running: false,
             state: None,
             skipped: 0,
@@ -168,7 +178,20 @@ impl RtdeClient {
             texts_lost: 0,
         };
         session.request(Phase::Version)?;
-        Ok(Self { inbox: Deframer::new(usize::from(INBOX_SIZE)), session })
+        Ok(Self { inbox: Deframer::new(usize::from(INBOX_SIZE)), fresh: session.clone(), session })
+    }
+
+    /// Speeds of an arm whose data sheet gives none (rad/s): by them steps are judged before they are sent.
+    pub const fn set_speeds(&mut self, velocity_max: JointVel<6>) {
+        self.session.step_limit.set_speeds(velocity_max);
+        self.fresh.step_limit.set_speeds(velocity_max);
+    }
+
+    /// For a fresh connection: everything is agreed anew, and nothing is known of the robot. Only the account of its cycles goes on.
+    pub fn restart(&mut self) {
+        self.inbox.clear();
+        let cycles = self.session.cycles.restarted();
+        self.session = Session { cycles, ..self.fresh.clone() };
     }
 
     /// Takes bytes from the robot, split anywhere.
@@ -216,8 +239,9 @@ impl RtdeClient {
     /// before, so a stream starts at 1: 0 is what a fresh controller's register holds.
     ///
     /// # Errors
-    /// [`LinkError::NotRunning`], [`LinkError::ImpossibleSetpoint`], [`LinkError::TransmitFull`]; nothing is queued then, and
-    /// the link stays usable. The error of a failed link, again.
+    /// [`LinkError::NotRunning`], [`LinkError::NoState`], [`LinkError::ImpossibleSetpoint`], [`LinkError::StepTooLarge`],
+    /// [`LinkError::TransmitFull`];
+    /// nothing is queued then, and the link stays usable. The error of a failed link, again.
     pub fn send_setpoint(&mut self, seq: u32, joints: &JointPos<6>) -> Result<(), LinkError> {
         self.session.send_setpoint(seq, joints)
     }
@@ -247,6 +271,11 @@ impl RtdeClient {
         let error = LinkError::timed_out(self.inbox.waiting(), announced, waited_ns, self.session.phase);
         self.session.failed = Some(error);
         Err(error)
+    }
+
+    /// What became of the robot's cycles.
+    pub fn cycles(&mut self) -> &mut CycleCount {
+        &mut self.session.cycles
     }
 
     /// What the client is doing.
@@ -366,6 +395,7 @@ impl Session {
         }
         let state = RobotState::decode(reader.rest()).ok_or(malformed)?;
         self.plausibility.check(&state)?;
+        self.cycles.state(state.timestamp, state.arrived as u32);
         if self.phase == Phase::Running {
             self.waiting_since = Some(now);
             if self.state.replace(state).is_some() {
@@ -421,10 +451,14 @@ impl Session {
         if joints.0 == [0.0; 6] {
             return Err(LinkError::ImpossibleSetpoint { joint: 0, value: 0.0 });
         }
+        let (now, actual) = self.plausibility.last().ok_or(LinkError::NoState)?;
+        self.step_limit.check((now, &actual), joints)?;
         let free = self.outbox.get_mut(self.outbox_len..).unwrap_or(&mut []);
         let len = recipe::encode_setpoint(free, self.input_recipe, seq, joints).ok_or(LinkError::TransmitFull)?;
         debug_assert_eq!(len, INPUT_PACKAGE_SIZE);
         self.outbox_len += len;
+        self.step_limit.sent(now, joints);
+        self.cycles.leaves(seq);
         Ok(())
     }
 

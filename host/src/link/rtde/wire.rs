@@ -328,6 +328,11 @@ impl Deframer {
         self.len -= size;
     }
 
+    /// Drops all of it: another stream begins.
+    pub const fn clear(&mut self) {
+        self.len = 0;
+    }
+
     /// Bytes of the package at the front that are there.
     pub const fn waiting(&self) -> usize {
         self.len
