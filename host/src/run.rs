@@ -13,6 +13,7 @@ pub mod account;
 pub mod children;
 pub mod core;
 pub mod demo;
+pub mod dial;
 pub mod grid;
 pub mod job;
 pub mod line;
