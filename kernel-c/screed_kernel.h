@@ -44,7 +44,8 @@ extern "C" {
 #define SCREED_FAULT_DRIVE 11    /* a drive's lag is beyond its bounds */
 #define SCREED_FAULT_LEAD 12     /* what is sent cannot lead the path as it should */
 #define SCREED_FAULT_TRACKER 13  /* the tracker has been lost for too long */
-#define SCREED_FAULT_OVERRUN 14   /* the loop came late again and again */
+#define SCREED_FAULT_OVERRUN 14  /* the loop came late again and again */
+#define SCREED_FAULT_LINK 15     /* the link to the robot failed */
 
 /* A kernel; its memory is the caller's. */
 typedef struct screed_kernel screed_kernel;

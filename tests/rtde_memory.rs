@@ -103,5 +103,7 @@ fn run(protocol: Protocol, rate_hz: u32) {
     assert!(states > 900 * rate_hz / 500, "{states} states");
     assert_eq!(client.extra().count(), 2);
     counted(&mut allocations, || client.handle_bytes(now, b"\x00\x03Z").expect_err("an unknown package"));
+    counted(&mut allocations, || client.restart());
+    assert!(counted(&mut allocations, || client.poll_transmit(now, &mut bytes)) > 0);
     assert_eq!(allocations, 0);
 }

@@ -14,6 +14,7 @@ pub mod children;
 pub mod controller;
 pub mod core;
 pub mod demo;
+pub mod dial;
 pub mod first_layer;
 pub mod grid;
 pub mod job;

@@ -114,6 +114,7 @@ pub const fn fault_number(fault: Option<Fault>) -> u8 {
         Some(Fault::Lead { .. }) => 12,
         Some(Fault::Tracker { .. }) => 13,
         Some(Fault::Overrun { .. }) => 14,
+        Some(Fault::Link) => 15,
     }
 }
 
@@ -282,7 +283,7 @@ pub unsafe extern "C" fn screed_kernel_host_changed(kernel: *mut CKernel) {
 pub unsafe extern "C" fn screed_kernel_robot_lost(kernel: *mut CKernel) {
     // SAFETY: by the contract.
     if let Some(kernel) = unsafe { kernel.as_mut() } {
-        kernel.robot_lost();
+        kernel.robot_lost(Fault::Link);
     }
 }
 

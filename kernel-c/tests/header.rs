@@ -64,6 +64,7 @@ fn the_header_has_the_librarys_layout_and_numbers() {
         "LEAD",
         "TRACKER",
         "OVERRUN",
+        "LINK",
     ];
     for (name, kind) in faults.into_iter().zip(Fault::KINDS) {
         writeln!(source, "_Static_assert(SCREED_FAULT_{name} == {}, \"{name}\");", fault_number(Some(kind))).unwrap();

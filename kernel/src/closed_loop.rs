@@ -148,6 +148,13 @@ impl<const N: usize, const DEPTH: usize> ClosedLoop<N, DEPTH> {
         (command, report)
     }
 
+    /// [`Kernel::robot_lost`] of a kernel with this loop around it: what is learnt of the drives begins anew with the next tick.
+    pub fn robot_lost<const CAP: usize>(&mut self, kernel: &mut Kernel<N, CAP>, fault: Fault) {
+        kernel.robot_lost(fault);
+        self.leave_fault(kernel.mode());
+        self.identification.pause();
+    }
+
     /// A fault that the kernel no longer stands in has been left by a person: the base may be looked at again.
     fn leave_fault(&mut self, mode: &Mode) {
         let faulted = mode.fault().is_some();

@@ -114,6 +114,8 @@ pub enum Fault {
         /// Overruns, less the good cycles between, that are too many.
         limit: u32,
     },
+    /// The link to the robot failed: where the robot is, is no longer known. Since 1.1.
+    Link,
 }
 
 /// Why a pose cannot be reached: [`IkError`] as it crosses the wire.
@@ -148,7 +150,7 @@ impl From<IkError> for Fault {
 
 impl Fault {
     /// One of each kind, in the order of their codes.
-    pub const KINDS: [Self; 14] = [
+    pub const KINDS: [Self; 15] = [
         Self::Following { joint: 0, value: 0.0, limit: 0.0 },
         Self::Sensor { joint: 0 },
         Self::RobotNotReady,
@@ -163,6 +165,7 @@ impl Fault {
         Self::Lead { joint: 0, value: 0.0, limit: 0.0 },
         Self::Tracker { value: 0.0, limit: 0.0 },
         Self::Overrun { missed: 0, limit: 0 },
+        Self::Link,
     ];
 
     /// The same for a reader of this minor version: what 1.0 does not know is to it a correction outside the workspace. So it
@@ -174,6 +177,7 @@ impl Fault {
             Self::Base { axis, value, limit } => (axis, value, limit),
             Self::Drive { joint, value, limit } | Self::Lead { joint, value, limit } => (joint, value, limit),
             Self::Overrun { missed, limit } => (0, missed as f64, limit as f64),
+            Self::Link => (0, 0.0, 0.0),
             _ => return self,
         };
         if minor > 0 { self } else { Self::Correction { quantity: Quantity::Workspace, joint, value, limit } }
@@ -196,6 +200,7 @@ impl Fault {
             Self::Lead { .. } => "K12",
             Self::Tracker { .. } => "K13",
             Self::Overrun { .. } => "K14",
+            Self::Link => "K15",
         }
     }
 
@@ -216,6 +221,7 @@ impl Fault {
             Self::Lead { .. } => "what is sent cannot lead the path as it should",
             Self::Tracker { .. } => "the tracker has been lost for too long",
             Self::Overrun { .. } => "the loop came late again and again",
+            Self::Link => "the link to the robot failed",
         }
     }
 
@@ -250,6 +256,10 @@ impl Fault {
             Self::Tracker { .. } => "clear the beam and look at the tracker; then re-arm",
             Self::Overrun { .. } => {
                 "run screed doctor, and end what else uses the machine or its line to the robot; then re-arm"
+            }
+            Self::Link => {
+                "see in the message before it why; look where the arm stands, mend the link and start the robot's program again by \
+                 hand; then re-arm"
             }
         }
     }

@@ -14,8 +14,7 @@
 //! Every fault passes through Stopping, if only for one tick: there a correction is ramped out as well.
 //!
 //! Not drawn: a resume leads from Stopping back to Moving while it is for a hold; a stop, and above it a fault, take the place
-//! of a lesser cause; a lost link leads from Stopping for a fault at once to Faulted, and from any other mode without a fault
-//! to Unready.
+//! of a lesser cause; a lost link is a fault, and leads at once to Faulted; from Unready it leads nowhere.
 
 use crate::fault::Fault;
 use crate::frame::ModeCode;
@@ -57,8 +56,7 @@ pub enum StopCause {
 pub enum Event {
     /// Configured, and the robot reports where it is and takes setpoints.
     Ready,
-    /// The robot at rest no longer takes setpoints, its link is gone, or a new configuration came: positions must be learnt
-    /// anew.
+    /// The robot at rest no longer takes setpoints, or its link is gone (after the fault for it): positions must be learnt anew.
     Lost,
     /// A person's command to play.
     Resume,

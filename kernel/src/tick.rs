@@ -139,10 +139,18 @@ impl<const N: usize, const CAP: usize> Kernel<N, CAP> {
         self.state.drop_incoming();
     }
 
-    /// The link to the robot is gone: where it is, is no longer known, and the ring is dropped.
-    pub fn robot_lost(&mut self) {
-        self.state.change(Event::Lost);
-        self.state.known = false;
+    /// The robot can be told nothing more, for `fault`: where it is, is no longer known, the ring is dropped, nothing is put out
+    /// until a person has re-armed. Unready before, the kernel stays so: there was nothing to stop. Called again and again it
+    /// takes the place of the ticks for as long as there is no robot to pace them: the host is heard and told.
+    pub fn robot_lost(&mut self, fault: Fault) {
+        self.budget = RECEIVE_MAX;
+        let state = &mut self.state;
+        if !matches!(state.mode, Mode::Unready | Mode::Faulted { .. }) {
+            state.change(Event::Fault(fault));
+            state.change(Event::Lost);
+        }
+        state.known = false;
+        state.report();
     }
 
     /// What [`ToKernel::Quit`] does: comes to rest, then [`Self::may_quit`].

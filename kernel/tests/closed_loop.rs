@@ -274,6 +274,25 @@ fn a_base_beyond_its_bound_is_a_fault_until_a_person_leaves_it_and_then_the_loop
     assert_eq!((world.kernel.status().mode, world.kernel.status().fault), (ModeCode::Holding, None));
 }
 
+#[test]
+fn a_fault_that_is_left_while_the_robots_link_is_gone_is_left_for_the_loop_too() {
+    let mut world = World::new();
+    world.ticks(100, 0.001);
+    world.ticks(100, 1.5 * TRANSLATION_MAX);
+    let fault = world.kernel.status().fault.unwrap();
+    world.ticks(300, 0.001);
+    world.around.robot_lost(&mut world.kernel, Fault::Link);
+    assert_eq!(world.kernel.status().fault, Some(fault), "the first is kept");
+    let mut bytes = [0; frame::WIRE_MAX];
+    let used = frame::encode(&ToKernel::Rearm { fault: fault.number }, &mut bytes).unwrap();
+    assert_eq!(world.kernel.receive(&bytes[..used]), used);
+    world.around.robot_lost(&mut world.kernel, Fault::Link);
+    assert_eq!((world.kernel.status().mode, world.kernel.status().fault), (ModeCode::Unready, None));
+    let report = world.ticks(300, 0.001);
+    assert!(matches!(report.estimated, Some(Ok(_))), "{report:?}");
+    assert_eq!(world.kernel.status().mode, ModeCode::Holding);
+}
+
 /// A tick of a print.
 struct Printed {
     /// Path clock rate.

@@ -8,8 +8,8 @@ use screed_kernel::control::Bound;
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::fault::{Fault, Unreached};
 use screed_kernel::frame::{
-    self, BaseRecord, BatchPart, CODE_MAX, Configure, CycleRecord, FRAME_MAX, FaultReport, FrameError, FromKernel,
-    JOINTS_MAX, LoopRecord, ModeCode, Pace, Refusal, Status, ToKernel, Unsound, VERSION, WIRE_MAX,
+    self, BaseRecord, BatchPart, CODE_MAX, Configure, CycleRecord, Cycles, FRAME_MAX, FaultReport, FrameError,
+    FromKernel, JOINTS_MAX, LoopRecord, ModeCode, Pace, Refusal, Status, ToKernel, Unsound, VERSION, WIRE_MAX,
 };
 use screed_kernel::guard::{PLANES_MAX, Plane, Quantity};
 use screed_kernel::setpoint::{Coder, Setpoint, flow_on_grid, joint_on_grid};
@@ -20,8 +20,8 @@ const FROZEN_LINES: usize = 59;
 const FROZEN: u32 = 0xef16_3c0b;
 
 /// The same of what version 1.1 appends.
-const FROZEN_LINES_1_1: usize = 21;
-const FROZEN_1_1: u32 = 0x669a_2fe0;
+const FROZEN_LINES_1_1: usize = 23;
+const FROZEN_1_1: u32 = 0x2f9f_1de6;
 
 const CORRECTION: CorrectionLimits = CorrectionLimits { size_max: 0.02, velocity_max: 0.1, acceleration_max: 1.0 };
 
@@ -165,6 +165,7 @@ fn since_1_1() -> Vec<(String, FromKernel)> {
             Fault::Lead { joint, value, limit },
             Fault::Tracker { value, limit },
             Fault::Overrun { missed: 34, limit: 10 },
+            Fault::Link,
         ])
         .collect();
     let mut codes: Vec<_> = faults.iter().map(Fault::code).collect();
@@ -215,6 +216,7 @@ fn since_1_1() -> Vec<(String, FromKernel)> {
         faults_minor: 5,
         faults_major: 6,
     };
+    let cycles = Cycles { tick: 123_456, sent: 123_000, doubled: 3, skipped: 2, stalled: 345 };
     let mut messages: Vec<_> = reports.collect();
     messages.extend([
         ("status-k13".to_owned(), FromKernel::Status(status)),
@@ -225,6 +227,7 @@ fn since_1_1() -> Vec<(String, FromKernel)> {
         ("path".to_owned(), FromKernel::Path { tick: 123_456, joints: both(0.1) }),
         ("path-9-joints".to_owned(), FromKernel::Path { tick: 123_456, joints: nine }),
         ("pace".to_owned(), FromKernel::Pace(pace)),
+        ("cycles".to_owned(), FromKernel::Cycles(cycles)),
     ]);
     messages
 }

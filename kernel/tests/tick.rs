@@ -5,7 +5,7 @@ mod common;
 use common::{ARM, PLAN, configure, sweep};
 use screed_kernel::correction::CorrectionLimits;
 use screed_kernel::fault::Fault;
-use screed_kernel::frame::{Configure, ModeCode, Refusal, ToKernel, Unsound};
+use screed_kernel::frame::{Configure, FromKernel, ModeCode, Refusal, ToKernel, Unsound};
 use screed_kernel::guard::{Plane, Quantity};
 use screed_kernel::ramp::{Ramp, RampLimits};
 use screed_kernel::setpoint::{Setpoint, joint_on_grid};
@@ -210,7 +210,7 @@ fn an_arm_that_does_not_follow_is_a_fault_and_only_a_fresh_command_leads_on() {
     assert_eq!((bench.status().mode, bench.refusal()), (ModeCode::Faulted, Some(Refusal::Stale)));
     bench.resume();
     assert_eq!((bench.status().mode, bench.refusal()), (ModeCode::Faulted, Some(Refusal::Mode)));
-    bench.kernel.robot_lost();
+    bench.kernel.robot_lost(Fault::Link);
     assert_eq!(
         (bench.status().mode, bench.tick().joints),
         (ModeCode::Faulted, None),
@@ -260,6 +260,66 @@ fn each_finding_of_a_tick_is_its_own_fault_and_a_stop_on_the_path() {
         assert_eq!(bench.faults, [report], "and once");
         assert_eq!(bench.status().mode, ModeCode::Faulted);
     }
+}
+
+#[test]
+fn a_lost_link_is_a_fault_at_once_and_nothing_is_put_out_until_a_person_has_re_armed() {
+    type Before = fn() -> Bench;
+    let modes: [(Before, ModeCode); 4] = [
+        (bench, ModeCode::Holding),
+        (|| moving(400), ModeCode::Moving),
+        (|| said(moving(400), &ToKernel::Hold), ModeCode::Stopping),
+        (|| said(moving(400), &ToKernel::Stop), ModeCode::Stopping),
+    ];
+    for (before, mode) in modes {
+        let mut bench = before();
+        assert_eq!(bench.status().mode, mode);
+        bench.kernel.robot_lost(Fault::Link);
+        bench.listen();
+        let report = bench.status().fault.unwrap();
+        assert_eq!((bench.status().mode, report.fault), (ModeCode::Faulted, Fault::Link));
+        assert_eq!(bench.faults, [report], "told before any tick, and once");
+        assert!(matches!(bench.answers.last(), Some(FromKernel::Status(status)) if status.fault == Some(report)));
+        // In the place of ticks: it hears the host, says what changes, counts no epoch, raises nothing new.
+        let epoch = bench.status().epoch;
+        for _ in 0..3 {
+            let taken = bench.kernel.receive(&[0; 2000]);
+            assert!(taken > 1000, "{taken}");
+            bench.kernel.robot_lost(Fault::Link);
+            bench.listen();
+        }
+        assert_eq!((bench.status().epoch, bench.faults.len()), (epoch, 1));
+        // The link is back, and the arm somewhere else.
+        bench.sensors.actual = JointPos([1.0, 1.0]);
+        for _ in 0..100 {
+            assert_eq!(bench.tick().joints, None);
+        }
+        bench.resume();
+        assert_eq!((bench.refusal(), bench.tick().joints), (Some(Refusal::Mode), None));
+        bench.say(&ToKernel::Rearm { fault: report.number });
+        for _ in 0..100 {
+            assert_eq!(bench.tick().joints, Some(JointPos([1.0, 1.0])), "it holds where it is");
+        }
+        bench.resume();
+        assert_eq!(
+            (bench.refusal(), bench.status().mode),
+            (Some(Refusal::Mode), ModeCode::Holding),
+            "the ring is gone"
+        );
+    }
+    // A person may leave the fault before the link is back; then there is none that a lost link could be.
+    let mut bench = moving(400);
+    bench.kernel.robot_lost(Fault::Link);
+    let report = bench.status().fault.unwrap();
+    bench.say(&ToKernel::Rearm { fault: report.number });
+    bench.kernel.robot_lost(Fault::Link);
+    assert_eq!((bench.status().mode, bench.status().fault), (ModeCode::Unready, None));
+}
+
+fn said(mut bench: Bench, message: &ToKernel) -> Bench {
+    bench.say(message);
+    bench.tick();
+    bench
 }
 
 #[test]

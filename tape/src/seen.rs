@@ -18,8 +18,8 @@ pub struct Seen {
     pub corrected: u64,
     /// Messages said: hello, configure, batch part, rate, hold, resume, stop, re-arm, quit.
     pub said: [u64; 9],
-    /// Statuses with each fault, K1 to K14. Of K9, a path out of reach, there is none: this base stays near.
-    pub faults: [u64; 14],
+    /// Statuses with each fault, K1 to K15. Of K9, a path out of reach, there is none: this base stays near.
+    pub faults: [u64; 15],
     /// Batches accepted.
     pub accepted: u64,
     /// Messages refused: mode, configuration, no room, full, too late, sequence, code, does not fit, not at rest, rate,
@@ -116,6 +116,7 @@ impl Seen {
                 Fault::Lead { .. } => 11,
                 Fault::Tracker { .. } => 12,
                 Fault::Overrun { .. } => 13,
+                Fault::Link => 14,
             };
             count(&mut self.faults, kind);
         }
@@ -175,7 +176,7 @@ impl fmt::Display for Seen {
         writeln!(f, "ticks by mode      {:?} (unready, holding, moving, stopping, faulted)", self.modes)?;
         writeln!(f, "ticks corrected    {}, late {}", self.corrected, self.late)?;
         writeln!(f, "messages           {:?} (hello configure batch rate hold resume stop re-arm quit)", self.said)?;
-        writeln!(f, "statuses by fault  {:?} (K1 to K14)", self.faults)?;
+        writeln!(f, "statuses by fault  {:?} (K1 to K15)", self.faults)?;
         writeln!(f, "refusals           {:?} (mode configuration no-room full too-late", self.refused)?;
         writeln!(f, "                   sequence code does-not-fit not-at-rest rate stale)")?;
         writeln!(f, "  configuration    {:?} (joints periods positions motion errors", self.unsound)?;

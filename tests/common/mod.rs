@@ -4,6 +4,7 @@
 pub mod scene;
 
 use screed::config::Cell;
+use screed::link::rtde::program::{Program, WatchdogAction};
 use screed::model::fim;
 use screed::plan::{Options, Plan};
 use screed_fixtures::{QuarterCircle, quarter_circle};
@@ -131,6 +132,20 @@ pub fn judge(setpoints: &[[f64; 6]], period: f64, limits: &Limits) {
             assert!(speed <= *limit, "setpoint {k}, joint {j}: {speed} rad/s");
         }
     }
+}
+
+/// The robot's program for a cell with another watchdog (s).
+pub fn program_with(cell: &Cell, watchdog_action: WatchdogAction, watchdog: f64) -> String {
+    let link = &cell.link;
+    let program = Program {
+        rate_hz: link.rate_hz,
+        register_offset: link.register_offset,
+        lookahead: link.servoj_lookahead,
+        gain: link.servoj_gain,
+        watchdog,
+        watchdog_action,
+    };
+    program.text().unwrap()
 }
 
 /// Tool positions of the demo's planned path, in order (m, base frame).

@@ -72,7 +72,7 @@ macro_rules! kernel_roots {
             pub fn events(kernel: &mut Kernel<$joints, 4096>, which: u8, fault: Fault) -> (Status, bool, Option<u64>) {
                 match which {
                     0 => kernel.host_changed(),
-                    1 => kernel.robot_lost(),
+                    1 => kernel.robot_lost(fault),
                     2 => kernel.quit(),
                     _ => kernel.raise(fault),
                 }
@@ -195,6 +195,16 @@ macro_rules! kernel_roots {
             ) -> (Command<$joints>, LoopReport<$joints>, [Drive; $joints]) {
                 let (command, report) = closed.tick(kernel, now, robot, poses);
                 (command, report, *closed.identification().learnt())
+            }
+
+            /// [`ClosedLoop::robot_lost`]
+            #[unsafe(export_name = concat!("root_loop_robot_lost_", $joints))]
+            pub fn loop_robot_lost(
+                closed: &mut ClosedLoop<$joints, 8>,
+                kernel: &mut Kernel<$joints, 4096>,
+                fault: Fault,
+            ) {
+                closed.robot_lost(kernel, fault);
             }
 
             /// [`Gains::for_drive`]

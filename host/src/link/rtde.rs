@@ -9,9 +9,11 @@
 //! that is possible passes. After any error the client stays failed: a stream that lost its package borders is never read on.
 
 mod connection;
+pub mod cycles;
 pub mod error;
 pub mod fields;
 pub mod file;
+mod limits;
 pub mod look;
 mod plausible;
 pub mod program;
@@ -26,12 +28,14 @@ pub use recipe::RobotState;
 pub use wire::{TextLevel, TextMessage};
 
 use connection::{Connection, Session};
+use cycles::CycleCount;
 use error::Explained;
 use file::RecipeFile;
+use limits::StepLimit;
 use plausible::Plausibility;
 use recipe::{Field, INPUT_PACKAGE_SIZE, Recipes, Value};
 use screed_kernel::arm::Arm;
-use screed_kernel::units::{JointPos, Nanos};
+use screed_kernel::units::{JointPos, JointVel, Nanos};
 use std::fmt;
 
 /// What the client is doing.
@@ -130,6 +134,8 @@ pub struct RtdeClient {
 #[derive(Clone, Debug)]
 struct Robot {
     plausibility: Plausibility,
+    step_limit: StepLimit,
+    cycles: CycleCount,
     pace: Pace,
     announced: bool,
     state: Option<RobotState>,
@@ -169,15 +175,34 @@ impl RtdeClient {
         let recipes = Recipes::screed(register_offset, file)?;
         let extra: usize = recipes.extra().iter().map(|field| field.kind.size()).sum();
         let connection = Connection::new(recipes, rate_hz, timeout_ns);
-        Ok(Self { connection, arm: *arm, robot: Robot::new(arm, vec![0; extra].into_boxed_slice()) })
+        let robot = Robot {
+            plausibility: Plausibility::new(arm),
+            step_limit: StepLimit::new(arm.velocity_max.known(), rate_hz),
+            cycles: CycleCount::new(rate_hz),
+            pace: Pace::default(),
+            announced: false,
+            state: None,
+            skipped: 0,
+            extra: vec![0; extra].into_boxed_slice(),
+        };
+        Ok(Self { connection, arm: *arm, robot })
     }
 
-    /// For a fresh connection: everything is agreed anew, and nothing is known of the robot.
+    /// Speeds of an arm whose data sheet gives none (rad/s): by them steps are judged before they are sent.
+    pub const fn set_speeds(&mut self, velocity_max: JointVel<6>) {
+        self.robot.step_limit.set_speeds(velocity_max);
+    }
+
+    /// For a fresh connection: everything is agreed anew, and nothing is known of the robot. Only the account of its cycles goes on.
     pub fn restart(&mut self) {
         self.connection.restart();
-        let mut extra = std::mem::take(&mut self.robot.extra);
-        extra.fill(0);
-        self.robot = Robot::new(&self.arm, extra);
+        let robot = &mut self.robot;
+        robot.plausibility = Plausibility::new(&self.arm);
+        robot.step_limit.restart();
+        robot.cycles.restart();
+        (robot.pace, robot.announced) = (Pace::default(), false);
+        (robot.state, robot.skipped) = (None, 0);
+        robot.extra.fill(0);
     }
 
     /// Takes bytes from the robot, split anywhere.
@@ -213,8 +238,8 @@ impl RtdeClient {
     /// before, so a stream starts at 1: 0 is what a fresh controller's register holds.
     ///
     /// # Errors
-    /// [`LinkError::NotRunning`], [`LinkError::ImpossibleSetpoint`], [`LinkError::TransmitFull`]; nothing is queued then, and
-    /// the link stays usable. The error of a failed link, again.
+    /// [`LinkError::NotRunning`], [`LinkError::NoState`], [`LinkError::ImpossibleSetpoint`], [`LinkError::StepTooLarge`],
+    /// [`LinkError::TransmitFull`]; nothing is queued then, and the link stays usable. The error of a failed link, again.
     pub fn send_setpoint(&mut self, seq: u32, joints: &JointPos<6>) -> Result<(), LinkError> {
         let session = self.connection.session_mut();
         session.alive()?;
@@ -231,12 +256,18 @@ impl RtdeClient {
         if joints.0 == [0.0; 6] {
             return Err(LinkError::ImpossibleSetpoint { joint: 0, value: 0.0 });
         }
+        let robot = &mut self.robot;
+        let (now, actual) = robot.plausibility.last().ok_or(LinkError::NoState)?;
+        robot.step_limit.check((now, &actual), joints)?;
         let recipe = session.agreed.input_recipe;
         session.queue(|free| {
             let len = recipe::encode_setpoint(free, recipe, seq, joints)?;
             debug_assert_eq!(len, INPUT_PACKAGE_SIZE);
             Some(len)
-        })
+        })?;
+        robot.step_limit.sent(now, joints);
+        robot.cycles.leaves(seq);
+        Ok(())
     }
 
     /// Moves bytes for the robot into `out`; how many. Call it until it gives 0.
@@ -257,6 +288,11 @@ impl RtdeClient {
         self.connection.handle_timeout(now)
     }
 
+    /// What became of the robot's cycles.
+    pub const fn cycles(&mut self) -> &mut CycleCount {
+        &mut self.robot.cycles
+    }
+
     /// What the client is doing.
     pub fn phase(&self) -> Phase {
         self.connection.agreed().phase
@@ -274,15 +310,11 @@ impl RtdeClient {
 }
 
 impl Robot {
-    fn new(arm: &Arm<6>, extra: Box<[u8]>) -> Self {
-        let (plausibility, pace) = (Plausibility::new(arm), Pace::default());
-        Self { plausibility, pace, announced: false, state: None, skipped: 0, extra }
-    }
-
     fn take(&mut self, session: &mut Session, values: &[u8]) -> Result<(), LinkError> {
         let malformed = LinkError::Malformed { kind: wire::PackageKind::Data };
         let (state, extra) = RobotState::decode(values).ok_or(malformed)?;
         self.plausibility.check(&state)?;
+        self.cycles.state(state.timestamp, state.arrived as u32);
         match session.agreed.phase {
             Phase::Measuring if self.pace.is_found(session.rate_hz, state.timestamp)? => {
                 session.agreed.phase = Phase::Running;

@@ -8,7 +8,7 @@ use crate::plan::stream::Setpoint as Planned;
 use crate::run::memory::Memory;
 use nalgebra::Point3;
 use screed_kernel::arm::Arm;
-use screed_kernel::frame::{CycleRecord, LoopRecord, ModeCode, Pace};
+use screed_kernel::frame::{CycleRecord, Cycles, LoopRecord, ModeCode, Pace};
 use screed_kernel::pose::Pose;
 use screed_kernel::units::JointPos;
 use serde::Serialize;
@@ -91,6 +91,9 @@ pub struct Account {
     /// How the pace had been kept when this began, and has been since.
     pace_before: Option<Pace>,
     pace: Option<Pace>,
+    /// What became of the robot's cycles: until the present tick, and with the robot's time (s) before the path was played.
+    cycles: Option<Cycles>,
+    cycles_before: Option<(Cycles, f64)>,
     wire: Histogram,
     last: Option<Last>,
     /// Where the path was at which tick, when what was commanded then is something else.
@@ -128,6 +131,9 @@ pub struct Figures {
     pub overruns: u64,
     /// Slots missed in them: robot cycles without an answer of their own.
     pub slots_missed: u64,
+    /// The robot's cycles since the path began to be played, each one told; nothing from a board or a process of version 1.0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub robot_cycles: Option<RobotCycles>,
     /// The most that the leaky counter of overruns has been since the process started.
     pub overrun_counter_max: u32,
     /// Writes to the robot that its line did not take whole at once.
@@ -151,6 +157,29 @@ pub struct Figures {
     pub volume_m3: f64,
     /// What the lead came to, where there is one.
     pub lead: Option<Led>,
+}
+
+/// What became of the robot's cycles (docs/rtde.md).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct RobotCycles {
+    /// Cycles between the first and the last state, by the robot's time stamps.
+    pub by_timestamps: u64,
+    /// With a new setpoint, as the robot's echo shows.
+    pub sent: u64,
+    /// Without, though this machine answered in time: the robot had the one before once more.
+    pub doubled: u64,
+    /// Of which no state came.
+    pub skipped: u64,
+    /// Without a new setpoint because this machine missed a slot.
+    pub stalled: u64,
+}
+
+impl RobotCycles {
+    /// Cycles by the time stamps that are none of the four: the robot was not sent anything in them. Negative would be a defect.
+    pub fn unaccounted(&self) -> i64 {
+        let told = self.sent + self.doubled + self.skipped + self.stalled;
+        self.by_timestamps as i64 - told as i64
+    }
 }
 
 /// What a lead came to.
@@ -177,6 +206,8 @@ impl Account {
             hash: Fnv::new(),
             pace_before: None,
             pace: None,
+            cycles: None,
+            cycles_before: None,
             wire: Histogram::new(WIRE_BINS),
             last: None,
             path: None,
@@ -234,6 +265,11 @@ impl Account {
         figures.memory = Some(Memory { allocations, faults_minor, faults_major });
     }
 
+    /// Takes into account what had become of the robot's cycles at a tick; said before its record.
+    pub const fn observe_cycles(&mut self, cycles: &Cycles) {
+        self.cycles = Some(*cycles);
+    }
+
     /// How the pace had been kept when the process spoke of it last.
     pub const fn pace(&self) -> Option<Pace> {
         self.pace
@@ -242,6 +278,23 @@ impl Account {
     /// From telegrams that lie ready to their answers on the wire.
     pub fn sensor_to_wire(&self) -> Option<Summary> {
         Summary::of(&self.wire, self.figures.slots_missed)
+    }
+
+    /// The robot's cycles since the path began to be played, told apart by the process; their number is that of the time stamps.
+    fn count_robot_cycles(&mut self, record: &CycleRecord, moving: bool) {
+        let Some(now) = self.cycles.filter(|cycles| cycles.tick == record.tick && cycles.sent > 0) else { return };
+        if self.figures.robot_cycles.is_none() && !moving {
+            self.cycles_before = Some((now, record.robot_time));
+            return;
+        }
+        let (before, since) = *self.cycles_before.get_or_insert((now, record.robot_time));
+        self.figures.robot_cycles = Some(RobotCycles {
+            by_timestamps: ((record.robot_time - since) * 1e9 / self.period_ns as f64).round() as u64,
+            sent: now.sent.saturating_sub(before.sent),
+            doubled: now.doubled.saturating_sub(before.doubled),
+            skipped: now.skipped.saturating_sub(before.skipped),
+            stalled: now.stalled.saturating_sub(before.stalled),
+        });
     }
 
     /// Takes one cycle into account; returns the path setpoint that was newly commanded in it, if one was.
@@ -267,6 +320,7 @@ impl Account {
             figures.doubled += u64::from(record.missed);
         }
         figures.volume_m3 += record.flow * self.period_ns as f64 * 1e-9;
+        self.count_robot_cycles(record, moving);
         let commanded = JointPos(<[f64; 6]>::try_from(record.commanded.as_slice()).ok()?);
         let path = self.path.take().filter(|(tick, _)| *tick == record.tick).map_or(commanded, |(_, path)| path);
         let actual = JointPos(<[f64; 6]>::try_from(record.actual.as_slice()).ok()?);

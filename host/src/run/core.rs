@@ -1,35 +1,33 @@
 //! What `screed-rt` does in a cycle, without sockets and clocks: robot, host and extruder bytes in, bytes for all three out.
 //! The timed process and virtual time both drive this one machine.
 
+mod depth;
+mod outage;
+pub mod readiness;
+mod to_host;
+
 use crate::config::kernel::{CellLoopError, DEPTH};
 use crate::config::{Cell, Pacing};
 use crate::link::extruder::{ExtruderError, ExtruderLine};
+use crate::link::rtde::cycles::Counts;
 use crate::link::rtde::{Event, LinkError, RobotState, RtdeClient, TextLevel};
 use crate::run::memory::Memory;
 use crate::run::overruns::Overruns;
+use depth::Depth;
+use outage::Link;
+use readiness::{NotReady, Readiness};
 use screed_kernel::closed_loop::ClosedLoop;
 use screed_kernel::control::Report;
 use screed_kernel::estimator::{POSES_MAX, Robot, TrackerPose};
 use screed_kernel::fault::Fault;
-use screed_kernel::frame::{self, CycleRecord, FromKernel, NOTE_MAX, Pace, Status};
+use screed_kernel::frame::{self, CycleRecord, Cycles, FromKernel, NOTE_MAX, Pace, Status};
+use screed_kernel::guard::Quantity;
 use screed_kernel::tick::{Command, Kernel, Sensors, TRANSMIT_MAX};
 use screed_kernel::units::Nanos;
-use std::fmt::Display;
+use to_host::{ToHost, shorten};
 
 /// Setpoints the ring holds: 8 s at 500 Hz.
 pub const RING: usize = 4096;
-
-/// Room for telemetry while the host is busy; what does not fit is dropped.
-const TELEMETRY_MAX: usize = 1 << 20;
-
-/// Robot program and safety state in which setpoints are taken: `runtime_state` playing, `robot_mode` running, and of the
-/// safety bits normal (0) or reduced (1).
-const PLAYING: u32 = 2;
-const RUNNING: i32 = 7;
-const SAFETY_MOVING: u32 = 0b11;
-
-/// How long the robot may take no setpoints before the host is told why (ns).
-const READY_PATIENCE_NS: u64 = 3_000_000_000;
 
 /// Why there is no such machine for a cell.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -84,9 +82,9 @@ pub struct Core {
     /// What was commanded last, and what the loop says of it.
     command: Option<(Command<6>, Report)>,
     robot: RtdeClient,
+    link: Link,
     extruder: ExtruderLine,
-    /// Bytes for the host that are not on the wire yet.
-    telemetry: Vec<u8>,
+    host: ToHost,
     /// The present cycle, until its answer is sent.
     record: Option<CycleRecord>,
     /// Counts packages to the robot: its program takes a setpoint whenever this changes.
@@ -98,8 +96,12 @@ pub struct Core {
     /// What the robot said last, and whether it is new.
     state: Option<RobotState>,
     fresh: bool,
-    /// Slots since the last cycle that went without an answer.
+    /// Slots since the last cycle that went without an answer, and those of them for which this machine is not to blame.
     missed: u32,
+    excused: u32,
+    /// Whether the last answer left less than a period after its slot's beginning.
+    prompt: bool,
+    period_ns: u64,
     overruns: Overruns,
     usage: Usage,
     /// When the present cycle's slot began.
@@ -107,9 +109,7 @@ pub struct Core {
     realtime: bool,
     note: heapless::String<NOTE_MAX>,
     extruder_failed: bool,
-    /// Since when the robot takes no setpoints, and whether the host has been told why.
-    unready_since: Option<Nanos>,
-    unready_told: bool,
+    readiness: Readiness,
 }
 
 impl Core {
@@ -130,21 +130,25 @@ impl Core {
     /// [`CoreError`] when the cell's link, extruder line or loop cannot be.
     pub fn tracked(cell: &Cell, realtime: bool, note: &str) -> Result<Self, CoreError> {
         let timeout_ns = (cell.link.timeout * 1e9) as u64;
-        let robot = RtdeClient::beside(
+        let mut robot = RtdeClient::beside(
             cell.link.recipes.as_ref(),
             &cell.robot.arm,
             cell.link.rate_hz,
             cell.link.register_offset,
             timeout_ns,
         )?;
+        if cell.robot.arm.velocity_max.known().is_none() {
+            robot.set_speeds(cell.robot.joint_velocity_max);
+        }
         Ok(Self {
             kernel: Box::new(Kernel::new(&cell.robot.arm)),
             lead: cell.closed_loop().map_err(CoreError::Lead)?.map(Box::new),
             poses: heapless::Vec::new(),
             command: None,
             robot,
+            link: Link::default(),
             extruder: ExtruderLine::new(cell.extruder.flow_max, timeout_ns)?,
-            telemetry: Vec::with_capacity(TELEMETRY_MAX),
+            host: ToHost::new(),
             record: None,
             package: 0,
             depth: Depth::default(),
@@ -152,26 +156,32 @@ impl Core {
             state: None,
             fresh: false,
             missed: 0,
+            excused: 0,
+            prompt: false,
+            period_ns: 1_000_000_000 / u64::from(cell.link.rate_hz),
             overruns: Overruns::new(cell.realtime.overruns_max),
             usage: Usage::default(),
             began: Nanos(0),
             realtime,
             note: shorten(note),
             extruder_failed: false,
-            unready_since: None,
-            unready_told: false,
+            readiness: Readiness::default(),
         })
     }
 
     /// Bytes from the robot, as many times as there are some; [`Self::answer`] is to follow.
     ///
     /// # Errors
-    /// [`LinkError`]: the link is down. The host has been told and nothing more is sent to the robot.
+    /// [`LinkError`]: the link is down. The host has been told and nothing more is sent to the robot; what comes on the old
+    /// connection is no longer heard. See [`Self::may_reconnect`].
     pub fn on_robot(&mut self, now: Nanos, bytes: &[u8]) -> Result<(), LinkError> {
+        if self.link.is_down() {
+            return Ok(());
+        }
         let result = self.robot.handle_bytes(now, bytes);
         while let Some(event) = self.robot.poll_event() {
             match event {
-                Event::Running { .. } => {}
+                Event::Running { .. } => self.link_is_up(now),
                 Event::State { state, skipped } if result.is_ok() => {
                     // By the timer's clock nothing is missed here; and before the first cycle nothing is.
                     if self.pacing == Pacing::Robot && self.command.is_some() {
@@ -182,12 +192,12 @@ impl Core {
                 Event::State { .. } => {}
                 Event::Text { text, .. } => {
                     if matches!(text.level, TextLevel::Exception | TextLevel::Error) {
-                        self.alarm(false, &format_args!("the controller says: {}", text.message));
+                        self.host.alarm(false, &format_args!("the controller says: {}", text.message));
                     }
                 }
             }
         }
-        self.check(result)
+        self.check(now, result)
     }
 
     /// The cycle of a slot, if it is one to answer in. Where the robot paces, that is one with a new state, the newest of all
@@ -211,38 +221,47 @@ impl Core {
         };
         // Nor is anything sent behind what the line has not taken: it would come late, and in a bunch.
         if late || !slot.line_free {
+            // An answer that left in time and has not arrived, or a line that takes nothing: not this machine was late.
+            self.excused += u32::from(!slot.line_free || (self.prompt && self.missed == 0));
             self.missed += 1;
             return Ok(());
         }
         self.began = slot.began;
         let result = self.cycle(now, &state);
-        self.check(result)
+        self.check(now, result)
     }
 
-    /// The robot closed the connection.
-    pub fn on_robot_closed(&mut self) -> LinkError {
-        let error = self.robot.handle_closed();
-        match self.check(Err(error)) {
-            Err(error) => error,
-            Ok(()) => error,
+    /// The robot closed the connection, or it broke.
+    ///
+    /// # Errors
+    /// As [`Self::on_robot`].
+    pub fn on_robot_closed(&mut self, now: Nanos) -> Result<(), LinkError> {
+        if self.link.is_down() {
+            return Ok(());
         }
+        let error = self.robot.handle_closed();
+        self.check(now, Err(error))
     }
 
-    /// Time has passed: notices a silent robot and a silent extruder.
+    /// Time has passed: notices a silent robot and a silent extruder. Without a robot the host is heard and told here.
     ///
     /// # Errors
     /// As [`Self::on_robot`].
     pub fn on_time(&mut self, now: Nanos) -> Result<(), LinkError> {
         let extruder = self.extruder.handle_timeout(now);
         self.check_extruder(extruder);
+        self.stand_in(now);
+        if self.link.is_down() {
+            return Ok(());
+        }
         let robot = self.robot.handle_timeout(now);
-        self.check(robot)
+        self.check(now, robot)
     }
 
     /// When [`Self::on_time`] wants to be called.
     pub fn deadline(&self) -> Option<Nanos> {
-        let both = [self.robot.poll_timeout(), self.extruder.poll_timeout()];
-        both.into_iter().flatten().min()
+        let robot = self.robot.poll_timeout().filter(|_| !self.link.is_down());
+        [robot, self.link.next_beat(), self.extruder.poll_timeout()].into_iter().flatten().min()
     }
 
     /// Bytes from the host; returns how many were taken. The rest waits for the next cycle.
@@ -252,10 +271,11 @@ impl Core {
 
     /// A host has attached: what it hears begins with a whole frame.
     pub fn on_host_attached(&mut self) {
-        self.telemetry.clear();
+        self.host.clear();
         self.kernel.host_changed();
-        (self.unready_since, self.unready_told) = (None, false);
-        self.say(&FromKernel::Process { realtime: self.realtime, note: self.note.clone() });
+        self.readiness.begin();
+        self.host.say(&FromKernel::Process { realtime: self.realtime, note: self.note.clone() });
+        self.tell_outage();
     }
 
     /// Bytes from the extruder.
@@ -274,6 +294,9 @@ impl Core {
 
     /// Bytes for the robot; call until it gives 0.
     pub fn to_robot(&mut self, now: Nanos, out: &mut [u8]) -> usize {
+        if self.link.is_down() {
+            return 0;
+        }
         self.robot.poll_transmit(now, out)
     }
 
@@ -284,22 +307,22 @@ impl Core {
 
     /// Bytes for the host: what waits, and how to say that some of it is on the wire.
     pub fn to_host(&mut self) -> &[u8] {
-        &self.telemetry
+        self.host.waiting()
     }
 
     /// `count` bytes of [`Self::to_host`] are on the wire.
     pub fn sent_to_host(&mut self, count: usize) {
-        self.telemetry.drain(..count.min(self.telemetry.len()));
+        self.host.sent(count);
     }
 
     /// Closes the cycle begun by [`Self::on_robot`], if there was one: when it had ticked, when its answer was sent.
     pub fn finish_cycle(&mut self, ticked: Nanos, sent: Nanos) {
-        // All that waits: what is dropped when the host is busy are whole frames.
-        let mut out = [0; TRANSMIT_MAX];
-        let used = self.kernel.poll_transmit(&mut out);
-        self.queue(out.get(..used).unwrap_or(&[]));
+        self.hear_kernel();
         if let Some(record) = self.record.take() {
-            self.say(&FromKernel::Pace(self.pace()));
+            self.prompt = sent.since(self.began) < self.period_ns;
+            self.host.say(&FromKernel::Pace(self.pace()));
+            let cycles = self.cycles();
+            self.host.say(&FromKernel::Cycles(cycles));
             let mut out = [0; 1024];
             // Both or none: a record whose path is missing would be taken for the path itself.
             let path = self.lead.is_some().then_some(self.command).flatten();
@@ -309,8 +332,15 @@ impl Core {
             });
             let cycle = FromKernel::Cycle(CycleRecord { ticked_ns: ticked.0, sent_ns: sent.0, ..record });
             used += out.get_mut(used..).and_then(|rest| frame::encode(&cycle, rest).ok()).unwrap_or(0);
-            self.queue(out.get(..used).unwrap_or(&[]));
+            self.host.queue(out.get(..used).unwrap_or(&[]));
         }
+    }
+
+    /// What the kernel has to say waits for the host: all of it, as what is dropped when the host is busy are whole frames.
+    fn hear_kernel(&mut self) {
+        let mut out = [0; TRANSMIT_MAX];
+        let used = self.kernel.poll_transmit(&mut out);
+        self.host.queue(out.get(..used).unwrap_or(&[]));
     }
 
     /// What the process around this met with: told to the host with every cycle.
@@ -335,6 +365,12 @@ impl Core {
             faults_minor,
             faults_major,
         }
+    }
+
+    /// What became of the robot's cycles.
+    pub fn cycles(&mut self) -> Cycles {
+        let Counts { sent, doubled, skipped, stalled } = *self.robot.cycles().counts();
+        Cycles { tick: self.ticks(), sent, doubled, skipped, stalled }
     }
 
     /// What was commanded in the last cycle, and what the loop says of it.
@@ -369,7 +405,7 @@ impl Core {
 
     /// Somebody else than the host ends the process: tells the host, and comes to rest.
     pub fn quit_by_signal(&mut self) {
-        self.alarm(true, &"screed-rt was told to end by a signal: the arm comes to rest on its path");
+        self.host.alarm(true, &"screed-rt was told to end by a signal: the arm comes to rest on its path");
         self.quit();
     }
 
@@ -386,16 +422,17 @@ impl Core {
     }
 
     fn cycle(&mut self, now: Nanos, state: &RobotState) -> Result<(), LinkError> {
-        let missed = std::mem::take(&mut self.missed);
+        let (missed, excused) = (std::mem::take(&mut self.missed), std::mem::take(&mut self.excused));
         if let Some(fault) = self.overruns.cycle(missed) {
             self.kernel.raise(fault);
         }
-        let ready = state.runtime_state == PLAYING
-            && state.robot_mode == RUNNING
-            && state.safety_status_bits & SAFETY_MOVING != 0
-            && self.extruder.status().ready;
-        self.watch_readiness(now, state, ready);
-        let (command, report) = match &mut self.lead {
+        self.robot.cycles().answered(missed.saturating_sub(excused));
+        let unready = NotReady::of(state, self.extruder.status().ready);
+        let ready = unready.is_none();
+        if let Some(why) = self.readiness.watch(now, unready) {
+            self.host.alarm(false, &why);
+        }
+        let (mut command, report) = match &mut self.lead {
             Some(lead) => {
                 let robot = Robot { actual: state.actual_q, rates: None, ready };
                 let (command, report) = lead.tick(&mut self.kernel, now, &robot, &self.poses);
@@ -404,11 +441,8 @@ impl Core {
             None => (self.kernel.tick(now, &Sensors::robot(state.actual_q, ready)), Report::default()),
         };
         self.poses.clear();
+        self.send(&mut command)?;
         self.command = Some((command, report));
-        if let Some(joints) = command.joints {
-            self.package = self.package.wrapping_add(1);
-            self.robot.send_setpoint(self.package, &joints)?;
-        }
         let flow = self.extruder.set_flow(if self.extruder_failed { 0.0 } else { command.flow });
         self.check_extruder(flow);
         let list = |joints: &[f64; 6]| joints.iter().copied().collect();
@@ -430,40 +464,30 @@ impl Core {
         Ok(())
     }
 
-    /// Tells the host once, after a while, why the robot takes no setpoints: nothing would ever move, and nobody would know.
-    fn watch_readiness(&mut self, now: Nanos, state: &RobotState, ready: bool) {
-        if ready {
-            (self.unready_since, self.unready_told) = (None, false);
-            return;
-        }
-        let since = *self.unready_since.get_or_insert(now);
-        if self.unready_told || now.since(since) < READY_PATIENCE_NS {
-            return;
-        }
-        self.unready_told = true;
-        let RobotState { robot_mode, safety_status_bits, runtime_state, .. } = state;
-        if *robot_mode != RUNNING {
-            let text = "the robot is not running: switch it on and release its brakes at the teach pendant";
-            self.alarm(false, &format_args!("{text} (robot mode {robot_mode}, needed {RUNNING})"));
-        } else if safety_status_bits & SAFETY_MOVING == 0 {
-            let text = "the robot's safety system holds it: look at the teach pendant";
-            self.alarm(false, &format_args!("{text} (safety status bits {safety_status_bits:#x})"));
-        } else if *runtime_state != PLAYING {
-            let text = "no program is playing on the robot: start Screed's at the teach pendant";
-            self.alarm(false, &format_args!("{text} (runtime state {runtime_state}, needed {PLAYING})"));
-        } else {
-            self.alarm(false, &"the extruder is not ready: it has not answered without a fault");
-        }
-    }
-
-    fn check(&mut self, result: Result<(), LinkError>) -> Result<(), LinkError> {
-        if let Err(error) = result {
-            self.kernel.robot_lost();
-            self.stop_extruder();
-            let text = shorten(self.robot.explain(&error));
-            self.alarm(true, &text);
-        }
-        result
+    /// Queues what is commanded. What the link refuses is not sent, and no longer commanded: it is a fault, and the arm stays with
+    /// what it was sent before, until its own watchdog stops it.
+    fn send(&mut self, command: &mut Command<6>) -> Result<(), LinkError> {
+        let Some(joints) = command.joints else {
+            self.robot.cycles().pause();
+            return Ok(());
+        };
+        let package = self.package.wrapping_add(1);
+        let Err(error) = self.robot.send_setpoint(package, &joints) else {
+            self.package = package;
+            return Ok(());
+        };
+        let (quantity, joint, value, limit) = match error {
+            LinkError::StepTooLarge { joint, step, limit, within } => {
+                (Quantity::Velocity, joint, step / within, limit / within)
+            }
+            // The kernel keeps the range of the arm itself: what is left is that all are exactly zero.
+            LinkError::ImpossibleSetpoint { joint, value } => (Quantity::Position, joint, value, 0.0),
+            error => return Err(error),
+        };
+        self.host.alarm(false, &error);
+        self.lose_robot(Fault::Output { quantity, joint, value, limit });
+        (command.joints, command.flow) = (None, 0.0);
+        Ok(())
     }
 
     fn check_extruder(&mut self, result: Result<(), ExtruderError>) {
@@ -472,66 +496,7 @@ impl Core {
         {
             self.extruder_failed = true;
             self.kernel.raise(Fault::Extruder);
-            self.alarm(false, &error);
+            self.host.alarm(false, &error);
         }
     }
-
-    fn alarm(&mut self, fatal: bool, text: &dyn Display) {
-        self.say(&FromKernel::Alarm { fatal, note: shorten(text) });
-    }
-
-    fn say(&mut self, message: &FromKernel) {
-        let mut out = [0; 1024];
-        // Every message is far shorter than this.
-        if let Ok(used) = frame::encode(message, &mut out) {
-            self.queue(out.get(..used).unwrap_or(&[]));
-        }
-    }
-
-    fn queue(&mut self, bytes: &[u8]) {
-        // Never beyond what was allocated at start. A host that does not read misses whole messages, and sees by the ticks of
-        // the cycles how many.
-        if self.telemetry.len() + bytes.len() <= TELEMETRY_MAX {
-            self.telemetry.extend_from_slice(bytes);
-        }
-    }
-}
-
-/// How many answers are usually on their way when a telegram comes: none on a quick line, one or more where a round trip
-/// takes longer than a cycle. The usual is the least of the last one to two hundred telegrams.
-#[derive(Clone, Copy, Debug, Default)]
-struct Depth {
-    before: Option<u32>,
-    now: Option<u32>,
-    telegrams: u32,
-}
-
-impl Depth {
-    const WINDOW: u32 = 100;
-
-    /// Whether more answers are on their way than usual.
-    fn is_deeper(&mut self, depth: u32) -> bool {
-        self.now = Some(self.now.map_or(depth, |least| least.min(depth)));
-        self.telegrams += 1;
-        let usual = self.before.into_iter().chain(self.now).min();
-        if self.telegrams == Self::WINDOW {
-            (self.before, self.now, self.telegrams) = (self.now, None, 0);
-        }
-        usual.is_some_and(|usual| depth > usual)
-    }
-}
-
-/// The text as far as a note has room for it.
-fn shorten(text: impl Display) -> heapless::String<NOTE_MAX> {
-    use std::fmt::Write;
-    let mut note = heapless::String::new();
-    // A full note refuses the next character: its beginning is what counts.
-    struct Cut<'a>(&'a mut heapless::String<NOTE_MAX>);
-    impl Write for Cut<'_> {
-        fn write_str(&mut self, text: &str) -> std::fmt::Result {
-            text.chars().try_for_each(|c| self.0.push(c).map_err(|_| std::fmt::Error))
-        }
-    }
-    let _ = write!(Cut(&mut note), "{text}");
-    note
 }

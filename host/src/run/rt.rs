@@ -7,6 +7,7 @@ use crate::config::{self, Cell, ConfigError, Pacing};
 use crate::failure::{Exit, Failure};
 use crate::link::rtde::LinkError;
 use crate::run::core::{Core, CoreError, Slot, Usage};
+use crate::run::dial::{Dial, Dialled};
 use crate::run::grid::Grid;
 use crate::run::line::{Heard, RobotLine};
 use crate::run::memory::{self, Memory};
@@ -17,7 +18,6 @@ use screed_kernel::tick::RECEIVE_MAX;
 use screed_kernel::units::Nanos;
 use std::fs;
 use std::io::{self, ErrorKind, Read, Write};
-use std::net::{TcpStream, ToSocketAddrs};
 use std::os::fd::{AsRawFd, RawFd};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -122,7 +122,7 @@ impl From<RtError> for Failure {
     }
 }
 
-/// Runs until the host says quit, a link fails, or (with `exit_when_idle`) nobody has been there for long.
+/// Runs until the host says quit, or (with `exit_when_idle`) nobody has been there for long.
 ///
 /// # Errors
 /// [`RtError`].
@@ -135,11 +135,13 @@ pub fn run(args: &RtArgs) -> Result<(), RtError> {
     }
     let core = Core::new(&cell, scheduling.realtime, &scheduling.note)?;
     let extruder = open_extruder(&cell, args)?;
-    let robot = connect(&cell, args)?;
+    let (robot, dial) = connect(&cell, args)?;
     let host = HostSide::listen(&args.socket)?;
     let mut process = Process {
         core,
-        robot,
+        robot: Some(robot),
+        dial,
+        before: Usage::default(),
         extruder,
         extruder_gone: false,
         host,
@@ -174,17 +176,9 @@ fn ending(pace: &Pace, realtime: bool) -> String {
     )
 }
 
-fn connect(cell: &Cell, args: &RtArgs) -> Result<RobotLine, RtError> {
+fn connect(cell: &Cell, args: &RtArgs) -> Result<(RobotLine, Dial), RtError> {
     let address = args.robot.clone().unwrap_or_else(|| format!("{}:{}", cell.link.address, cell.link.port));
-    let fail = |source| RtError::Robot { address: address.clone(), source };
-    let mut last = io::Error::new(ErrorKind::NotFound, "the name has no address");
-    for candidate in address.to_socket_addrs().map_err(fail)? {
-        match TcpStream::connect_timeout(&candidate, Duration::from_secs(3)) {
-            Ok(stream) => return RobotLine::new(stream).map_err(fail),
-            Err(error) => last = error,
-        }
-    }
-    Err(fail(last))
+    Dial::first(&address).map_err(|source| RtError::Robot { address, source })
 }
 
 fn open_extruder(cell: &Cell, args: &RtArgs) -> Result<SerialPortNow, RtError> {
@@ -261,7 +255,11 @@ impl HostSide {
 
 struct Process {
     core: Core,
-    robot: RobotLine,
+    /// None after the link has failed, until it is made anew.
+    robot: Option<RobotLine>,
+    dial: Dial,
+    /// What connections before this one met with.
+    before: Usage,
     extruder: SerialPortNow,
     extruder_gone: bool,
     host: HostSide,
@@ -297,9 +295,11 @@ impl Process {
         loop {
             self.send_to_robot()?;
             let slot = self.wait()?;
+            self.dial_robot();
             self.hear_robot(slot)?;
             self.exchange_extruder();
-            self.core.on_time(self.now())?;
+            let result = self.core.on_time(self.now());
+            self.look(result)?;
             // In this order: a host that has just gone makes room for the next.
             self.host.exchange(&mut self.core);
             self.host.accept(&mut self.core);
@@ -321,15 +321,16 @@ impl Process {
     /// Reads all that the robot sent, answers the newest, and only then stamps and reports the cycle.
     fn hear_robot(&mut self, slot: Option<grid::Slot>) -> Result<(), RtError> {
         let mut bytes = [0; 4096];
-        let mut closed = false;
         let mut began = None;
+        let mut closed = false;
         // After a stall there may be many: all of them are heard before one is answered, so that one stall is one overrun.
         for _ in 0..READS_MAX {
-            let heard = self.robot.read(&mut bytes);
+            let Some(heard) = self.robot.as_mut().map(|robot| robot.read(&mut bytes)) else { break };
             let now = self.now();
             match heard {
                 Heard::Bytes { count, .. } => {
-                    self.core.on_robot(now, bytes.get(..count).unwrap_or(&[]))?;
+                    let result = self.core.on_robot(now, bytes.get(..count).unwrap_or(&[]));
+                    self.look(result)?;
                     began = Some(heard.ready_at(now));
                 }
                 Heard::Nothing => break,
@@ -342,29 +343,67 @@ impl Process {
         let missed = slot.map_or(0, |slot| u32::try_from(slot.missed).unwrap_or(u32::MAX));
         if let Some(began) = slot.map(|slot| Nanos(slot.due)).or(began) {
             let now = self.now();
-            self.core.answer(now, Slot { began, missed, line_free: self.robot.is_free() })?;
+            let line_free = self.robot.as_ref().is_some_and(RobotLine::is_free);
+            let result = self.core.answer(now, Slot { began, missed, line_free });
+            self.look(result)?;
             let ticked = self.now();
             self.send_to_robot()?;
             let sent = self.now();
             self.core.account(self.usage());
             self.core.finish_cycle(ticked, sent);
         }
-        if closed { Err(self.core.on_robot_closed().into()) } else { Ok(()) }
+        if closed {
+            let result = self.core.on_robot_closed(self.now());
+            self.look(result)?;
+        }
+        Ok(())
+    }
+
+    /// What a failed link means: the process ends where it never ran, else the connection is dropped and made anew.
+    fn look(&mut self, result: Result<(), LinkError>) -> Result<(), RtError> {
+        if let Err(error) = result
+            && !self.core.may_reconnect()
+        {
+            return Err(error.into());
+        }
+        if self.core.is_disconnected() {
+            self.before = self.usage();
+            self.robot = None;
+        }
+        Ok(())
+    }
+
+    /// Makes the connection anew, where there is none.
+    fn dial_robot(&mut self) {
+        if self.robot.is_some() {
+            return;
+        }
+        match self.dial.poll(self.now()) {
+            Dialled::Waiting => {}
+            Dialled::Connected(line) => {
+                self.robot = Some(line);
+                self.core.reconnect();
+            }
+            Dialled::Failed(why) => self.core.reconnect_failed(&why),
+        }
     }
 
     fn send_to_robot(&mut self) -> Result<(), RtError> {
         let Self { robot, core, start, .. } = self;
         let now = Nanos(since(*start));
+        let Some(robot) = robot else { return Ok(()) };
         if robot.send(|out| core.to_robot(now, out)).is_err() {
-            return Err(self.core.on_robot_closed().into());
+            let result = core.on_robot_closed(now);
+            self.look(result)?;
         }
         Ok(())
     }
 
     fn usage(&self) -> Usage {
+        let line = self.robot.as_ref();
         Usage {
-            writes_blocked: self.robot.blocked(),
-            segments_resent: self.robot.resent(),
+            writes_blocked: self.before.writes_blocked + line.map_or(0, RobotLine::blocked),
+            segments_resent: self.before.segments_resent + line.map_or(0, RobotLine::resent),
             memory: Memory::now().since(&self.memory),
         }
     }
@@ -394,10 +433,15 @@ impl Process {
         }
         let entry = |fd: RawFd, events| libc::pollfd { fd, events, revents: 0 };
         let extruder = if self.extruder_gone { -1 } else { self.extruder.descriptor() };
-        let robot = if self.robot.is_free() { libc::POLLIN } else { libc::POLLIN | libc::POLLOUT };
-        let mut lines =
-            [entry(self.robot.descriptor(), robot), entry(self.host.fd(), libc::POLLIN), entry(extruder, libc::POLLIN)];
-        let until = self.core.deadline().map_or(100_000_000, |deadline| deadline.since(self.now()));
+        let robot = match &self.robot {
+            Some(robot) if robot.is_free() => entry(robot.descriptor(), libc::POLLIN),
+            Some(robot) => entry(robot.descriptor(), libc::POLLIN | libc::POLLOUT),
+            None => entry(self.dial.descriptor(), libc::POLLOUT),
+        };
+        let mut lines = [robot, entry(self.host.fd(), libc::POLLIN), entry(extruder, libc::POLLIN)];
+        let dial = self.robot.is_none().then(|| self.dial.deadline());
+        let deadline = [self.core.deadline(), dial].into_iter().flatten().min();
+        let until = deadline.map_or(100_000_000, |deadline| deadline.since(self.now()));
         let milliseconds = until.div_ceil(1_000_000).min(100) as libc::c_int;
         // SAFETY: the array outlives the call and its length is given.
         let ready = unsafe { libc::poll(lines.as_mut_ptr(), lines.len() as libc::nfds_t, milliseconds) };

@@ -1,7 +1,7 @@
 //! The table at the end of a print, for people and as JSON.
 
 use crate::config::Cell;
-use crate::run::account::{Figures, Led, Spread};
+use crate::run::account::{Figures, Led, RobotCycles, Spread};
 use crate::run::memory::Memory;
 use crate::run::resend::LineFigures;
 use serde::Serialize;
@@ -94,6 +94,14 @@ impl fmt::Display for Summary {
         }
         let stalls = format!("{} of {}, longest {:.1} ms", figures.stalls, figures.cycles, figures.stall_max_s * 1e3);
         row("cycles this machine began late", &stalls)?;
+        if let Some(cycles) = figures.robot_cycles {
+            let RobotCycles { by_timestamps, sent, doubled, skipped, stalled } = cycles;
+            let told = format!("{sent} / {doubled} / {skipped} / {stalled}");
+            row("robot cycles sent/doubled/skipped/stalled", &format!("{told}, {by_timestamps} by its time stamps"))?;
+            if cycles.unaccounted() != 0 {
+                row("robot cycles in which nothing was sent", &cycles.unaccounted().to_string())?;
+            }
+        }
         let missed = format!("{} / {}", figures.overruns, figures.slots_missed);
         row("overruns / slots missed in them", &missed)?;
         row("overrun counter at most", &figures.overrun_counter_max.to_string())?;

@@ -1,6 +1,10 @@
 //! A print in virtual time: host, kernel, link, robot and extruder in one thread, the same bytes through the same machines
 //! as in a timed print, as fast as they go.
 
+mod mishaps;
+
+pub use mishaps::{Cut, Stalled};
+
 use crate::config::{Cell, Pacing};
 use crate::failure::{Exit, Failure};
 use crate::link::rtde::LinkError;
@@ -16,6 +20,7 @@ use crate::sim::extruder::{Extruder, TIME_CONSTANT};
 use crate::sim::line::{BadLine, LineFault};
 use crate::sim::ur::record::Record;
 use crate::sim::ur::{ClientId, Controller, Options};
+use mishaps::Stall;
 use screed_kernel::estimator::TrackerPose;
 use screed_kernel::units::Nanos;
 use std::path::PathBuf;
@@ -40,33 +45,24 @@ pub enum VirtualError {
     Core(#[from] CoreError),
 }
 
-/// Where a stall of the real-time process begins.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stalled {
-    /// Before it reads what the robot sent.
-    BeforeReading,
-    /// Between its tick and the answer.
-    BeforeAnswering,
-}
-
-/// A stall under way.
-#[derive(Clone, Copy, Debug)]
-struct Stall {
-    stalled: Stalled,
-    /// Telegrams of the robot that still go by.
-    left: u32,
-    /// Whether the process does nothing already.
-    begun: bool,
-}
-
 /// The machines that take part, and what is between them.
 #[derive(Clone)]
 pub struct World {
     core: Core,
     controller: Controller,
     client: ClientId,
+    /// Connections of before.
+    clients: Vec<ClientId>,
     extruder: Extruder,
     line: BadLine,
+    /// How the line is cut, if it is, and whether half a package is still to pass.
+    cut: Option<Cut>,
+    half: bool,
+    /// Telegrams that do not come.
+    skip: u32,
+    /// Whether the next answer is held up, and what is.
+    delays: bool,
+    delayed: Vec<u8>,
     now: Nanos,
     /// The robot's cycle by this clock (ns).
     cycle_ns: u64,
@@ -115,8 +111,14 @@ impl World {
             core,
             controller,
             client,
+            clients: Vec::new(),
             extruder,
             line: BadLine::new(fault),
+            cut: None,
+            half: false,
+            skip: 0,
+            delays: false,
+            delayed: Vec::new(),
             now: Nanos(0),
             cycle_ns: CYCLE_NS,
             grid: (cell.realtime.pacing == Pacing::Timer).then(|| Grid::new(period_ns, 0)),
@@ -155,17 +157,6 @@ impl World {
     pub fn set_robot_clock(&mut self, ppm: i32) {
         let cycle = CYCLE_NS as f64 / (1.0 + f64::from(ppm) * 1e-6);
         self.cycle_ns = cycle.round() as u64;
-    }
-
-    /// The real-time process does nothing while so many telegrams of the robot go by, 1 at least.
-    pub const fn stall(&mut self, stalled: Stalled, telegrams: u32) {
-        let begun = matches!(stalled, Stalled::BeforeReading);
-        self.stall = Some(Stall { stalled, left: telegrams, begun });
-    }
-
-    /// Whether a stall is under way, or about to begin.
-    pub const fn is_stalled(&self) -> bool {
-        self.stall.is_some()
     }
 
     /// From now on counts what the process takes from memory in its own calls.
@@ -239,6 +230,9 @@ impl World {
 
     fn exchange_robot(&mut self) -> Result<(), LinkError> {
         let came = self.collect();
+        if let Some(Cut::Reset | Cut::ControllerGone) = self.cut {
+            self.counted(|world| world.core.on_robot_closed(world.now))?;
+        }
         if let Some(stall) = &mut self.stall {
             match (stall.stalled, stall.begun) {
                 (Stalled::BeforeReading, _) if !came || stall.left > 0 => {
@@ -262,7 +256,7 @@ impl World {
             }
         }
         self.hear()?;
-        self.core.on_time(self.now)?;
+        self.counted(|world| world.core.on_time(world.now))?;
         self.reply();
         Ok(())
     }
@@ -276,7 +270,16 @@ impl World {
             if count == 0 {
                 return self.waiting.len() > before;
             }
-            self.waiting.extend_from_slice(self.line.pass(bytes.get(..count).unwrap_or(&[])));
+            let passed = match self.cut {
+                None if self.skip > 0 => {
+                    self.skip -= 1;
+                    0
+                }
+                None => count,
+                Some(_) if std::mem::take(&mut self.half) => count / 2,
+                Some(_) => 0,
+            };
+            self.waiting.extend_from_slice(self.line.pass(bytes.get(..passed).unwrap_or(&[])));
         }
     }
 
@@ -307,12 +310,21 @@ impl World {
     /// The process' answer reaches the robot.
     fn reply(&mut self) {
         let mut bytes = [0; 2048];
+        let mut delayed = std::mem::take(&mut self.delayed);
         loop {
             let count = self.core.to_robot(self.now, &mut bytes);
             if count == 0 {
                 break;
             }
-            self.controller.handle_bytes(self.client, bytes.get(..count).unwrap_or(&[]));
+            let sent = bytes.get(..count).unwrap_or(&[]);
+            if std::mem::take(&mut self.delays) {
+                self.delayed.extend_from_slice(sent);
+            } else if self.cut.is_none() {
+                delayed.extend_from_slice(sent);
+            }
+        }
+        if !delayed.is_empty() {
+            self.controller.handle_bytes(self.client, &delayed);
         }
         self.counted(|world| world.core.finish_cycle(world.now, world.now));
     }

@@ -43,7 +43,7 @@ pub fn fault(fault: &Fault) -> String {
         }
         Fault::Tracker { value, limit } => format!(" ({value:.2} s waited, {limit:.2} s allowed)"),
         Fault::Overrun { missed, limit } => format!(" (counter at {limit}, {missed} slots missed)"),
-        Fault::RobotNotReady | Fault::Extruder => String::new(),
+        Fault::RobotNotReady | Fault::Extruder | Fault::Link => String::new(),
     };
     format!("{}: {}{figures}", fault.code(), fault.cause())
 }

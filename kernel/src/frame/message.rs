@@ -189,6 +189,8 @@ pub enum FromKernel {
     },
     /// How the process has kept pace, before the [`CycleRecord`] of the same tick. Since version 1.1.
     Pace(Pace),
+    /// What became of the robot's cycles, before the [`CycleRecord`] of the same tick. Since version 1.1.
+    Cycles(Cycles),
 }
 
 /// Why a message was not obeyed.
@@ -426,4 +428,20 @@ pub struct Pace {
     pub faults_minor: u64,
     /// Page faults since then that did.
     pub faults_major: u64,
+}
+
+/// What became of the robot's cycles, counted by its time stamps, since the process started. Counted are those from the first
+/// that shows a setpoint's arrival on, for as long as setpoints are sent. Each is one of the four.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Cycles {
+    /// Tick.
+    pub tick: u64,
+    /// Cycles in which a new setpoint had arrived, as the robot's echo of its number shows.
+    pub sent: u64,
+    /// Cycles in which none had, though each telegram had been answered: the robot had the setpoint before once more.
+    pub doubled: u64,
+    /// Cycles of which no telegram came: a gap in the time stamps.
+    pub skipped: u64,
+    /// Cycles in which none had arrived because this machine was late: the slots that it missed.
+    pub stalled: u64,
 }

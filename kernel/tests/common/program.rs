@@ -378,7 +378,7 @@ impl Program {
     }
 
     fn lose_robot(&mut self) {
-        self.bench.kernel.robot_lost();
+        self.bench.kernel.robot_lost(Fault::Link);
         assert!(!matches!(self.bench.status().mode, ModeCode::Holding | ModeCode::Moving | ModeCode::Stopping));
         self.judge.last = None;
         self.correction = None;

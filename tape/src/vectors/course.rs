@@ -359,7 +359,7 @@ impl<const N: usize> Machine<'_, N> {
             (0, true) => moved(robot, f64::NAN),
             (1, true) => moved(robot, 0.2),
             (2, true) => robot.ready = false,
-            (3, true) => self.kernel.robot_lost(),
+            (3, true) => self.kernel.robot_lost(Fault::Link),
             (4, true) => self.kernel.host_changed(),
             (5, true) => self.kernel.raise(Fault::Extruder),
             (6, true) => self.kernel.quit(),

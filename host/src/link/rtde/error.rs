@@ -180,6 +180,9 @@ pub enum LinkError {
         /// What the client was doing.
         phase: Phase,
     },
+    /// A setpoint before the robot's first state.
+    #[error("a setpoint before the robot has said where it is: wait for its first state")]
+    NoState,
     /// Setpoints faster than they leave.
     #[error("setpoints wait unsent: the robot or the network does not take them")]
     TransmitFull,
@@ -192,6 +195,21 @@ pub enum LinkError {
         joint: u8,
         /// Its value (rad).
         value: f64,
+    },
+    /// A setpoint that the arm cannot reach in time.
+    #[error(
+        "a setpoint would step joint {joint} by {step:.6} rad in {within:.3} s, {limit:.6} rad are allowed: it was not sent; \
+         compare the robot's model with the cell file's, save the log and report it"
+    )]
+    StepTooLarge {
+        /// The first joint at fault (0 is the base).
+        joint: u8,
+        /// From the setpoint before, or from where the joint is (rad).
+        step: f64,
+        /// The most that the arm's speed allows (rad).
+        limit: f64,
+        /// Time for it (s).
+        within: f64,
     },
 }
 

@@ -45,6 +45,11 @@ impl Plausibility {
         Self { position_max, velocity_max: arm.velocity_max.known().unwrap_or(UNRATED), last: None }
     }
 
+    /// Time stamp (s) and joints of the last state.
+    pub(super) const fn last(&self) -> Option<(f64, JointPos<6>)> {
+        self.last
+    }
+
     /// Checks a state and keeps it for the next check.
     pub(super) fn check(&mut self, state: &RobotState) -> Result<(), LinkError> {
         scalar("timestamp", state.timestamp, 0.0, UPTIME_MAX)?;

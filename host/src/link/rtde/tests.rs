@@ -93,7 +93,10 @@ fn requests_go_out_one_at_a_time_as_the_protocol_wants_them() {
         client.handle_bytes(Nanos(0), &answer).expect("a good answer");
     }
     assert_eq!(client.phase(), Phase::Running);
-    client.send_setpoint(258, &JointPos([1.0, 0.0, 0.0, 0.0, 0.0, -0.5])).expect("running");
+    let joints = JointPos([1.0, 0.0, 0.0, 0.0, 0.0, -0.5]);
+    assert_eq!(client.send_setpoint(258, &joints), Err(LinkError::NoState));
+    client.handle_bytes(Nanos(0), &data(&RobotState { actual_q: joints, ..state(0) })).expect("sound");
+    client.send_setpoint(258, &joints).expect("where it is");
     let mut setpoint = b"\x00\x38U\x02\x3f\xf0".to_vec();
     setpoint.extend([0; 38]);
     setpoint.extend(b"\xbf\xe0\0\0\0\0\0\0\0\0\x01\x02");
@@ -322,6 +325,12 @@ fn setpoints_are_refused_where_they_must_be() {
         assert!(matches!(error, LinkError::ImpossibleSetpoint { joint: 4, .. }));
     }
     assert!(matches!(client.send_setpoint(1, &JointPos::ZERO), Err(LinkError::ImpossibleSetpoint { joint: 0, .. })));
+    client.handle_bytes(Nanos(0), &data(&state(0))).expect("sound");
+    let mut far = good;
+    far.0[1] += 0.01;
+    let refused = client.send_setpoint(1, &far).expect_err("5 rad/s");
+    assert!(matches!(refused, LinkError::StepTooLarge { joint: 1, within: 0.002, .. }), "{refused}");
+    assert_eq!(transmitted(&mut client), b"", "nothing is queued");
     let mut queued = 0;
     while client.send_setpoint(queued, &good).is_ok() {
         queued += 1;
@@ -437,4 +446,32 @@ fn after_a_restart_everything_is_agreed_anew_also_by_another_protocol() {
     moved.actual_q.0[0] += 1.0;
     client.handle_bytes(Nanos(0), &data(&moved)).expect("nothing is compared with what was before");
     assert_eq!(client.poll_event(), Some(Event::State { state: moved, skipped: 0 }));
+}
+
+#[test]
+fn a_fresh_connection_is_agreed_on_anew_and_knows_nothing_of_the_one_before() {
+    let mut client = running();
+    client.handle_bytes(Nanos(0), &data(&state(900))).expect("sound");
+    client.send_setpoint(1, &state(900).actual_q).expect("where it is");
+    client.handle_bytes(Nanos(0), &data(&state(901))[..100]).expect("half a package");
+    let error = client.handle_closed();
+    assert_eq!(client.handle_bytes(Nanos(0), &data(&state(902))), Err(error));
+    for _ in 0..2 {
+        client.restart();
+        assert_eq!((client.phase(), client.poll_event(), client.poll_timeout()), (Phase::Version, None, None));
+        assert_eq!(client.send_setpoint(2, &state(0).actual_q), Err(LinkError::NotRunning { phase: Phase::Version }));
+        for answer in answers() {
+            assert!(!transmitted(&mut client).is_empty());
+            client.handle_bytes(Nanos(0), &answer).expect("a good answer");
+        }
+        assert!(matches!(client.poll_event(), Some(Event::Running { .. })));
+        assert_eq!(transmitted(&mut client), b"", "the setpoint of before is gone");
+        // The controller's time has begun anew, and the arm is somewhere else: both are as good as any.
+        let mut other = state(0);
+        other.actual_q.0[1] = 0.5;
+        client.handle_bytes(Nanos(0), &data(&other)).expect("nothing to compare with");
+        assert_eq!(client.poll_event(), Some(Event::State { state: other, skipped: 0 }));
+        assert!(matches!(client.send_setpoint(2, &state(0).actual_q), Err(LinkError::StepTooLarge { joint: 1, .. })));
+        client.send_setpoint(2, &other.actual_q).expect("where it is");
+    }
 }

@@ -366,7 +366,7 @@ impl Deframer {
         self.len -= size;
     }
 
-    /// Drops all bytes.
+    /// Drops all of it: another stream begins.
     pub const fn clear(&mut self) {
         self.len = 0;
     }

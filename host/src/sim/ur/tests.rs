@@ -11,6 +11,7 @@ use super::robot::Refusal;
 use super::*;
 use crate::link::rtde::program::{Program, ProgramState, WatchdogAction};
 use crate::link::rtde::{Event, LinkError, Phase, RobotState, RtdeClient};
+use screed_kernel::arm::Rating;
 use screed_kernel::arms::ur::{UR10E, UR18};
 use screed_kernel::units::Nanos;
 
@@ -269,6 +270,9 @@ fn the_watchdog_bites_only_after_the_first_setpoint_and_brings_the_robot_to_rest
 fn a_step_no_arm_can_follow_is_a_protective_stop() {
     let program = program(500, 0, 0.03);
     let mut bench = Bench::new(&program, options(&program));
+    // A client that judges no steps: Screed's own would not send it.
+    let unrated = Arm { velocity_max: Rating::Unknown, ..UR10E };
+    bench.client = RtdeClient::new(&unrated, program.rate_hz, program.register_offset, TIMEOUT_NS).expect("legal");
     let seen = bench.stream(1.0, |t| shifted(if t < 0.5 { 0.2 * t } else { 0.2 * t + 0.9 }));
     let (_, _, last) = seen.last().expect("states");
     assert_eq!(last.safety_status_bits, 1 << 2 | 1 << 10);
