@@ -26,9 +26,9 @@ use std::time::{Duration, Instant};
 /// The most that a client may want to send at once: every request of a negotiation, and some setpoints.
 const CLIENT_OUT_MAX: usize = 2048;
 /// The most that the controller may hold for one client: its backlog, and one package.
-const SERVER_OUT_MAX: usize = (256 + 64) * 1024;
+const SERVER_OUT_MAX: usize = 4 * 1024 * 1024 + 64 * 1024;
 /// The most memory that the controller may take beside what it has without clients: eight of them with their backlogs and recipes.
-const SERVER_MEMORY_MAX: usize = 16 << 20;
+const SERVER_MEMORY_MAX: usize = 64 << 20;
 const CLIENTS: usize = 8;
 /// No input takes longer than this.
 const HANG: Duration = Duration::from_secs(30);

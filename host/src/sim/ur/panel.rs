@@ -198,6 +198,7 @@ impl Controller {
         (anew.clients, anew.first_second, anew.cell) = (self.clients, 0, self.cell);
         anew.record.timestamp = 0.0;
         anew.install(self.fieldbus);
+        anew.limit_protocol(self.exchange.protocol);
         *self = anew;
     }
 
