@@ -8,6 +8,7 @@ client of a few lines that knows the protocol only (Python's standard library). 
 the wire as it has to.
 """
 
+import atexit
 import json
 import os
 import signal
@@ -83,6 +84,7 @@ class Server:
     def __init__(self, command, *options):
         command = [*command, "--port", "0", "--json", "--cell", CELL, "--control", *options]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        atexit.register(self.process.kill)
         self.port = int(json.loads(self.process.stdout.readline())["listening"].rsplit(":", 1)[1])
 
     def line(self, text):

@@ -179,7 +179,7 @@ fn of_generation(command: &str, argument: &str, controller: &mut Controller) -> 
                 return Some(format!("Failed setting operational mode: {argument}"));
             };
             desk.operational_mode = mode;
-            format!("Operational mode {mode} is set")
+            format!("Operational mode {argument} is set")
         }
         (Generation::ESeries, "clear operational mode") => {
             desk.operational_mode = "NONE";

@@ -205,7 +205,7 @@ fn the_librarys_dashboard_conversations_go_as_its_tests_want_them() {
     let modes = [
         ("set operational mode AUTOMATIC", "Operational mode AUTOMATIC is set"),
         ("get operational mode", "AUTOMATIC"),
-        ("set operational mode manual", "Operational mode MANUAL is set"),
+        ("set operational mode manual", "Operational mode manual is set"),
         ("get operational mode", "MANUAL"),
         ("set operational mode NONE", "Failed setting operational mode: NONE"),
         ("clear operational mode", "No longer controlling the operational mode. Current operational mode: 'NONE'."),
