@@ -341,6 +341,32 @@ fn after_a_cut_a_new_host_re_arms_and_prints_again_and_a_second_cut_is_as_the_fi
 }
 
 #[test]
+fn a_host_that_waits_for_a_robot_whose_link_is_down_is_told_and_ends() {
+    let (cell, model) = (cell(), model());
+    let mut worlds = printed(&cell, program(&cell).unwrap(), &mut [2500]);
+    let (world, mut host) = (&mut worlds[0], Host::default());
+    world.to_host();
+    cut(world, &mut host, Cut::Silence, 100);
+    let (_, report) = host.fault().unwrap();
+    // A person re-arms before the link is back; then a print begins.
+    host.say(world, &ToKernel::Rearm { fault: report.number });
+    for _ in 0..20 {
+        step(world, &mut host);
+    }
+    assert_eq!(world.core().status().mode, ModeCode::Unready);
+    let (mut session, began) = (session(&cell, &model), world.seconds());
+    let error = loop {
+        match world.step(&mut session) {
+            Ok(Step::Running) => assert!(world.seconds() < began + 5.0, "it waits for ever"),
+            Ok(other) => panic!("{other:?}"),
+            Err(error) => break error,
+        }
+    };
+    let VirtualError::Session(SessionError::Job(JobError::Link(why))) = error else { panic!("{error:?}") };
+    assert!(why.contains("the link to the robot is down: nothing from the robot for 100 ms"), "{why}");
+}
+
+#[test]
 fn a_link_that_never_ran_is_not_made_anew() {
     let cell = cell();
     let mut world = world(&cell, program(&cell).unwrap());

@@ -50,6 +50,26 @@ fn play(world: &mut World, session: &mut Session<'_>, until: u64) -> (Option<Vir
 }
 
 #[test]
+fn the_first_setpoint_on_the_wire_is_where_the_joints_are_at_both_rates_and_offsets() {
+    let model = model();
+    for rate_hz in [125, 500] {
+        for offset in [0, 24] {
+            let mut cell = Cell::demo(rate_hz).unwrap();
+            cell.link.register_offset = offset;
+            // Nowhere that anything could have by default.
+            cell.robot.start.0 = cell.robot.start.0.map(|q| q + 0.0123);
+            let (mut world, mut session) = (world(&cell, &cell), session(&cell, &model));
+            while world.controller().last_cycle().packages == 0 {
+                // It is asked for confirmation by then, and gets none.
+                world.step(&mut session).unwrap();
+            }
+            let cycle = world.controller().last_cycle();
+            assert_eq!((cycle.seq, cycle.registers, cycle.actual_q), (1, cell.robot.start.0, cell.robot.start));
+        }
+    }
+}
+
+#[test]
 fn what_stops_the_robot_in_a_print_is_told_at_once_and_then_the_fault() {
     type Disturb = fn(&mut Controller);
     let found: [(Disturb, &str, &str); 4] = [

@@ -12,6 +12,9 @@ use std::fmt::Display;
 /// How often the host is heard and told while there is no robot whose telegrams pace it (ns).
 const BEAT_NS: u64 = 20_000_000;
 
+/// How often a host that waits for the robot is told why there is none (ns).
+const REMINDER_NS: u64 = 3_000_000_000;
+
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum State {
     /// Agreeing with the robot what is exchanged.
@@ -32,6 +35,8 @@ pub(super) struct Link {
     /// Since when they do not.
     since: Nanos,
     beat: Nanos,
+    /// Since when nobody who waits for the robot has been told.
+    reminded: Nanos,
     /// Why not, as the host was told last.
     why: heapless::String<NOTE_MAX>,
 }
@@ -105,7 +110,7 @@ impl Core {
         self.readiness.begin();
         self.stop_extruder();
         if was_up {
-            self.link.since = now;
+            (self.link.since, self.link.reminded) = (now, now);
             self.link.why = shorten(error);
             self.host.alarm(false, &error);
         } else if !self.link.has_run {
@@ -140,10 +145,17 @@ impl Core {
             self.link.beat = now.plus(BEAT_NS);
             self.lose_robot(Fault::Link);
             self.hear_kernel();
+            // In a fault it is a person who is waited for.
+            if !matches!(self.kernel.mode(), Mode::Unready) {
+                self.link.reminded = now;
+            } else if now.since(self.link.reminded) >= REMINDER_NS {
+                self.link.reminded = now;
+                self.tell_outage();
+            }
         }
     }
 
-    /// Tells a host that has just come that there is no robot, and why.
+    /// Tells a host that has just come, or waits, that there is no robot, and why.
     pub(super) fn tell_outage(&mut self) {
         if self.link.is_out() {
             self.host.alarm(false, &format_args!("the link to the robot is down: {}", self.link.why));
