@@ -140,6 +140,10 @@ fn remedy(act: Act, now: &Standing) -> String {
     if let Some(action) = safety_action(now.safety) {
         return action.to_owned();
     }
+    // What cannot play without power says so, whoever has control.
+    if let (Act::Play, Some(action)) = (act, mode_action(now.mode)) {
+        return action.to_owned();
+    }
     // A controller without the feature of remote control says the same, and obeys: so it is no reason before it refuses.
     if now.remote == Some(false) {
         return "switch the robot to remote control at the top right of the teach pendant; if it has no such switch, something may \
@@ -147,10 +151,10 @@ fn remedy(act: Act, now: &Standing) -> String {
             .to_owned();
     }
     match act {
-        Act::Play | Act::Stop => mode_action(now.mode).unwrap_or(
+        Act::Play => {
             "close what pops up on the teach pendant (screed robot close-popup), and load a program there, or upload Screed's with \
-             screed robot play --upload",
-        ),
+             screed robot play --upload"
+        }
         _ => "see the teach pendant: something may wait there for an answer",
     }
     .to_owned()
