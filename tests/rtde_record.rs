@@ -23,7 +23,7 @@ const RECORD: &str = r#"<?xml version="1.0"?>
 		<field name="runtime_state" type="UINT32"/>
 	</recipe>
 	<recipe key="tomorrow">
-		<field name="dexterity" type="DOUBLE"/>
+		<field name="of_tomorrow" type="DOUBLE"/>
 	</recipe>
 	<recipe key="slider">
 		<field name="speed_slider_mask" type="UINT32"/>
@@ -123,11 +123,12 @@ fn what_cannot_be_recorded_is_told_with_its_place_and_code() {
     let config = write(folder.path(), "record.xml", RECORD);
     let config = config.to_string_lossy();
     let controller = Controller::start(&[]);
-    let record =
-        |address: &str, more: &[&str]| screed(&[&["rtde", "record", "--address", address, "--config"], more].concat());
+    let record = |address: &str, more: &[&str]| {
+        screed(&[&["rtde", "record", "--seconds", "1", "--address", address, "--config"], more].concat())
+    };
 
     let (code, _, error) = record(&controller.1, &[&config, "--recipe", "tomorrow"]);
-    let place = format!("{config}:17: recipe tomorrow: the controller (software 5.11.6.1) has no field dexterity");
+    let place = format!("{config}:17: recipe tomorrow: the controller (software 5.11.6.1) has no field of_tomorrow");
     assert!(code == Some(4) && error.contains(&place) && error.contains("\nremedy: "), "{code:?} {error}");
     let (code, _, error) = record(&controller.1, &[&config, "--recipe", "slider"]);
     assert!(code == Some(4) && error.contains("cannot send speed_slider_mask, which is an input"), "{error}");

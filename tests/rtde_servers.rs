@@ -144,7 +144,7 @@ impl Server {
                 "payload" => payload.extend(2.5_f64.to_be_bytes()),
                 "joint_mode" => payload.extend([255_u32; 6].map(u32::to_be_bytes).concat()),
                 // As a newer controller has it, and the guide's table has not.
-                "dexterity" => payload.extend(0.75_f64.to_be_bytes()),
+                "of_tomorrow" => payload.extend(0.75_f64.to_be_bytes()),
                 name => payload.extend(vec![0; fields::output(name).expect("known").size()]),
             }
         }
@@ -237,7 +237,7 @@ const RECIPES: &str = r#"<?xml version="1.0"?>
     <field name="actual_q" type="VECTOR6D"/>
     <field name="payload" type="DOUBLE"/>
     <field name="joint_mode" type="VECTOR6INT32"/>
-    <field name="dexterity" type="DOUBLE"/>
+    <field name="of_tomorrow" type="DOUBLE"/>
   </recipe>
 </rtde_config>
 "#;
@@ -254,13 +254,13 @@ fn outputs_of_a_recipe_file_come_beside_screeds_own() {
         let client = RtdeClient::beside(Some(&recipes()), &UR10E, 500, 0, TIMEOUT_NS).expect("legal");
         let (server, client) = run(odd, client, 20).unwrap_or_else(|error| panic!("{error}"));
         let beside = server.outputs[9..].join(",");
-        assert_eq!(beside, "payload,joint_mode,dexterity,safety_status_bits", "actual_q is asked for once");
+        assert_eq!(beside, "payload,joint_mode,of_tomorrow,safety_status_bits", "actual_q is asked for once");
         let extra: Vec<_> =
             client.extra().map(|(field, numbers)| (field.name.to_string(), numbers.collect())).collect();
         let expected = [
             ("payload".to_owned(), vec![Value::Double(2.5)]),
             ("joint_mode".to_owned(), vec![Value::Signed(255); 6]),
-            ("dexterity".to_owned(), vec![Value::Double(0.75)]),
+            ("of_tomorrow".to_owned(), vec![Value::Double(0.75)]),
         ];
         assert_eq!(extra, expected);
     }
@@ -371,7 +371,7 @@ fn refusals_name_cause_and_action() {
     let beside = RtdeClient::beside(Some(&recipes()), &UR10E, 500, 0, TIMEOUT_NS).expect("legal");
     let (_, text) = negotiate(&mut controller(Generation::ESeries), beside).expect_err("not found");
     assert!(
-        text.starts_with("robot.xml:7: recipe state: the controller (software 5.11.6.1) has no field dexterity: "),
+        text.starts_with("robot.xml:7: recipe state: the controller (software 5.11.6.1) has no field of_tomorrow: "),
         "{text}"
     );
     let mut beside = RtdeClient::beside(Some(&recipes()), &UR10E, 500, 0, TIMEOUT_NS).expect("legal");

@@ -346,10 +346,10 @@ fn requests() -> Vec<Vec<u8>> {
         package(b'I', b"speed_slider_mask,speed_slider_fraction,standard_digital_output_mask,standard_digital_output"),
         package(b'S', &[]),
         package(b'U', &[&[2, 0, 0, 0, 1][..], &0.5_f64.to_be_bytes(), &[255, 1]].concat()),
-        setup(125.0, &many("target_q", 60)),
+        setup(125.0, &many("target_q", 30)),
         setup(f64::NAN, "timestamp,nothing,"),
         package(b'I', many("input_bit_register_64", 40).as_bytes()),
-        package(b'O', many("", 400).as_bytes()),
+        package(b'O', many("", 60).as_bytes()),
         package(b'R', b"v1.software.version"),
     ]
 }

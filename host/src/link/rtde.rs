@@ -18,6 +18,7 @@ pub mod look;
 mod plausible;
 pub mod program;
 pub mod reader;
+pub mod ready;
 pub mod recipe;
 #[cfg(test)]
 mod tests;

@@ -8,14 +8,15 @@ mod to_host;
 
 use crate::config::kernel::{CellLoopError, DEPTH};
 use crate::config::{Cell, Pacing};
+use crate::link::Telegram;
 use crate::link::extruder::{ExtruderError, ExtruderLine};
 use crate::link::rtde::cycles::Counts;
-use crate::link::rtde::{Event, LinkError, RobotState, RtdeClient, TextLevel};
+use crate::link::rtde::{Event, LinkError, RtdeClient, TextLevel};
 use crate::run::memory::Memory;
 use crate::run::overruns::Overruns;
 use depth::Depth;
 use outage::Link;
-use readiness::{NotReady, Readiness};
+use readiness::{Obstacle, Readiness};
 use screed_kernel::closed_loop::ClosedLoop;
 use screed_kernel::control::Report;
 use screed_kernel::estimator::{POSES_MAX, Robot, TrackerPose};
@@ -94,7 +95,7 @@ pub struct Core {
     /// Whose telegrams or points the slots are.
     pacing: Pacing,
     /// What the robot said last, and whether it is new.
-    state: Option<RobotState>,
+    heard: Option<Telegram>,
     fresh: bool,
     /// Slots since the last cycle that went without an answer, and those of them for which this machine is not to blame.
     missed: u32,
@@ -153,7 +154,7 @@ impl Core {
             package: 0,
             depth: Depth::default(),
             pacing: cell.realtime.pacing,
-            state: None,
+            heard: None,
             fresh: false,
             missed: 0,
             excused: 0,
@@ -187,7 +188,7 @@ impl Core {
                     if self.pacing == Pacing::Robot && self.command.is_some() {
                         self.missed += skipped + u32::from(self.fresh);
                     }
-                    (self.state, self.fresh) = (Some(state), true);
+                    (self.heard, self.fresh) = (Some(state.telegram()), true);
                 }
                 Event::State { .. } => {}
                 Event::Text { text, .. } => {
@@ -207,12 +208,14 @@ impl Core {
     /// As [`Self::on_robot`].
     pub fn answer(&mut self, now: Nanos, slot: Slot) -> Result<(), LinkError> {
         let fresh = std::mem::take(&mut self.fresh);
-        let Some(state) = self.state else { return Ok(()) };
+        let Some(heard) = self.heard else { return Ok(()) };
         let late = match self.pacing {
             Pacing::Robot if !fresh => return Ok(()),
             // This process was late with the answer before, and the robot made this telegram without it. Another answer now
             // could overwrite that one in the robot's registers: a waypoint would be lost.
-            Pacing::Robot => self.depth.is_deeper(self.package.wrapping_sub(state.arrived as u32)),
+            Pacing::Robot => {
+                heard.arrived.is_some_and(|arrived| self.depth.is_deeper(self.package.wrapping_sub(arrived)))
+            }
             // States come by the robot's clock, which is none here.
             Pacing::Timer => {
                 self.missed = self.missed.saturating_add(slot.missed);
@@ -227,7 +230,7 @@ impl Core {
             return Ok(());
         }
         self.began = slot.began;
-        let result = self.cycle(now, &state);
+        let result = self.cycle(now, &heard);
         self.check(now, result)
     }
 
@@ -421,24 +424,25 @@ impl Core {
         let _ = self.extruder.set_flow(0.0);
     }
 
-    fn cycle(&mut self, now: Nanos, state: &RobotState) -> Result<(), LinkError> {
+    fn cycle(&mut self, now: Nanos, heard: &Telegram) -> Result<(), LinkError> {
         let (missed, excused) = (std::mem::take(&mut self.missed), std::mem::take(&mut self.excused));
         if let Some(fault) = self.overruns.cycle(missed) {
             self.kernel.raise(fault);
         }
         self.robot.cycles().answered(missed.saturating_sub(excused));
-        let unready = NotReady::of(state, self.extruder.status().ready);
-        let ready = unready.is_none();
-        if let Some(why) = self.readiness.watch(now, unready) {
+        let extruder = (!self.extruder.status().ready).then_some(Obstacle::Extruder);
+        let obstacle = heard.not_ready.map(Obstacle::Robot).or(extruder);
+        let ready = obstacle.is_none();
+        if let Some(why) = self.readiness.watch(now, obstacle) {
             self.host.alarm(false, &why);
         }
         let (mut command, report) = match &mut self.lead {
             Some(lead) => {
-                let robot = Robot { actual: state.actual_q, rates: None, ready };
+                let robot = Robot { actual: heard.joints, rates: None, ready };
                 let (command, report) = lead.tick(&mut self.kernel, now, &robot, &self.poses);
                 (command, report.control)
             }
-            None => (self.kernel.tick(now, &Sensors::robot(state.actual_q, ready)), Report::default()),
+            None => (self.kernel.tick(now, &Sensors::robot(heard.joints, ready)), Report::default()),
         };
         self.poses.clear();
         self.send(&mut command)?;
@@ -451,7 +455,7 @@ impl Core {
             received_ns: now.0,
             ticked_ns: 0,
             sent_ns: 0,
-            robot_time: state.timestamp,
+            robot_time: heard.time,
             missed,
             seq: command.seq,
             mode: command.mode.code(),
@@ -459,7 +463,7 @@ impl Core {
             rate: command.rate,
             flow: command.flow,
             commanded: command.joints.map(|joints| list(&joints.0)).unwrap_or_default(),
-            actual: list(&state.actual_q.0),
+            actual: list(&heard.joints.0),
         });
         Ok(())
     }

@@ -105,7 +105,9 @@ fn all(named: &'static [Named], numbered: &'static [Numbered]) -> impl Iterator<
 }
 
 fn find(named: &[Named], numbered: &[Numbered], name: &str) -> Option<FieldType> {
-    let by_name = named.iter().find(|(_, names)| names.split_whitespace().any(|known| known == name));
+    // Most names are in none of the lists: that is found out before one is taken apart.
+    let holds = |names: &str| !name.is_empty() && names.contains(name) && names.split(' ').any(|known| known == name);
+    let by_name = named.iter().find(|(_, names)| holds(names));
     let by_number = || numbered.iter().find(|(_, prefix, numbers)| number(name, prefix, numbers.clone()).is_some());
     by_name.map(|(kind, _)| *kind).or_else(|| by_number().map(|(kind, ..)| *kind))
 }

@@ -106,7 +106,7 @@ impl Core {
         let was_up = self.link.state == State::Up;
         self.link.state = State::Down;
         // What was known of the robot is not any more.
-        (self.state, self.fresh, self.missed, self.command, self.record) = (None, false, 0, None, None);
+        (self.heard, self.fresh, self.missed, self.command, self.record) = (None, false, 0, None, None);
         (self.depth, self.link.beat) = (Depth::default(), now);
         self.readiness.begin();
         self.stop_extruder();
