@@ -372,7 +372,7 @@ fn a_link_that_never_ran_is_not_made_anew() {
     let mut world = world(&cell, program(&cell).unwrap());
     world.cut(Cut::Silence);
     let error = (0..100).find_map(|_| world.step_machines().err()).unwrap();
-    assert!(error.to_string().contains("nothing from the robot for 100 ms while asking for protocol 2"), "{error}");
+    assert!(error.to_string().contains("nothing from the robot for 100 ms while agreeing on the protocol"), "{error}");
     assert!(!world.core().may_reconnect());
     let mut host = Host::default();
     host.listen(&mut world);

@@ -21,7 +21,7 @@ pub struct SimUrArgs {
     /// Where to listen
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     pub host: IpAddr,
-    /// RTDE's port; scripts are taken on the three below it, the dashboard five below; 0 takes free ones
+    /// RTDE's port; scripts are taken on the three below it, the dashboard five below; 0 takes free ones, as far apart
     #[arg(long, value_name = "PORT", default_value_t = 30_004)]
     pub port: u16,
     /// The controller: cb3 (software 3.15, 125 Hz) or e-series (5.11, 500 Hz)

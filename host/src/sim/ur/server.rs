@@ -162,7 +162,7 @@ const SERVICES: [(Service, u16); 5] = [
 /// A listening controller.
 pub struct Server {
     controller: Controller,
-    listeners: Vec<(Service, TcpListener, SocketAddr)>,
+    listeners: Vec<Listener>,
     period: Duration,
     connections: Vec<Connection>,
     record: Option<Record>,
@@ -215,10 +215,7 @@ impl Server {
         if let Some(fault) = controller.program_fault() {
             return Err(SimError::Program { fault: fault.to_owned() });
         }
-        let mut listeners = Vec::new();
-        for (service, below) in SERVICES {
-            listeners.push(listen(service, SocketAddr::new(options.host, port_of(options.port, below)?))?);
-        }
+        let listeners = listen_on_all(options.host, options.port)?;
         let record = options.record.as_deref().map(Record::create).transpose()?;
         let rate = options.controller.generation.cycle_rate();
         Ok(Self {
@@ -389,15 +386,40 @@ impl Server {
     }
 }
 
-/// The port so far below that of RTDE; 0 takes a free one.
-fn port_of(rtde: u16, below: u16) -> Result<u16, SimError> {
-    match rtde {
-        0 => Ok(0),
-        _ => rtde.checked_sub(below).filter(|port| *port > 0).ok_or(SimError::NoRoom { port: rtde }),
+type Listener = (Service, TcpListener, SocketAddr);
+
+/// Sets of free ports that are tried: the system chooses RTDE's, and one of those below it may be taken.
+const TRIES: u32 = 200;
+
+/// All ports, with RTDE's as told; 0 takes free ones that lie as far apart as a real robot's.
+fn listen_on_all(host: IpAddr, port: u16) -> Result<Vec<Listener>, SimError> {
+    let mut tries = if port == 0 { TRIES } else { 1 };
+    loop {
+        tries -= 1;
+        match listen_below(host, port) {
+            Err(SimError::AddressInUse { .. } | SimError::NoRoom { .. }) if tries > 0 => {}
+            result => return result,
+        }
     }
 }
 
-fn listen(service: Service, address: SocketAddr) -> Result<(Service, TcpListener, SocketAddr), SimError> {
+fn listen_below(host: IpAddr, mut rtde: u16) -> Result<Vec<Listener>, SimError> {
+    let mut listeners = Vec::new();
+    for (service, below) in SERVICES {
+        let port = match rtde {
+            0 => 0,
+            _ => rtde.checked_sub(below).filter(|port| *port > 0).ok_or(SimError::NoRoom { port: rtde })?,
+        };
+        let listener = listen(service, SocketAddr::new(host, port))?;
+        if service == Service::Rtde {
+            rtde = listener.2.port();
+        }
+        listeners.push(listener);
+    }
+    Ok(listeners)
+}
+
+fn listen(service: Service, address: SocketAddr) -> Result<Listener, SimError> {
     let failed = |source: io::Error| match source.kind() {
         io::ErrorKind::AddrInUse => SimError::AddressInUse { address },
         _ => SimError::Listen { address, source },
