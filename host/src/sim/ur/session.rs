@@ -3,7 +3,7 @@
 //! Choices where the protocol's documentation is silent: an unknown package type, or data of a wrong length or recipe, is
 //! answered by a text message and otherwise ignored; a size below three bytes ends the connection, for no border can be
 //! found behind it; a refused setup has recipe id 0. A client that speaks protocol 1, which carries no rate, gets 125 Hz.
-//! Between the answer to a start and the first data lie [`AFTER_START`]: clients are known that look at the newest package
+//! Between the answer to a start and the first data lie 10 ms: clients are known that look at the newest package
 //! only, and take a start for refused when data has overtaken its answer.
 
 use super::fields::{Snapshot, Source, output};
