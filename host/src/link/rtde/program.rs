@@ -44,8 +44,8 @@ impl ProgramState {
     }
 }
 
-/// What the controller does when setpoints stay away for longer than the watchdog's period.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What the controller does when setpoints stay away for longer than the watchdog's period, the gravest last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum WatchdogAction {
     /// Nothing.
     Ignore,

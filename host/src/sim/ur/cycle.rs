@@ -78,13 +78,15 @@ impl Controller {
     }
 
     fn check_watchdogs(&mut self, cycle: u64) {
-        let mut barked = None;
+        // Of several that are silent the gravest acts.
+        let mut barked: Option<WatchdogRequest> = None;
         for watchdog in &mut self.watchdogs {
             if self.exchange.updated.get(watchdog.request.input) == Some(&true) {
                 watchdog.last_update = cycle;
             }
             let silent = (cycle - watchdog.last_update) as f64 / f64::from(self.exchange.rate);
-            if silent > watchdog.request.period {
+            let graver = barked.as_ref().is_none_or(|other| watchdog.request.action > other.action);
+            if silent > watchdog.request.period && graver {
                 barked = Some(watchdog.request.clone());
             }
         }

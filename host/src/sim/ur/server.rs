@@ -368,6 +368,8 @@ impl Server {
         self.connections.retain_mut(|connection| {
             let alive = connection.read(controller);
             if !alive {
+                // Who has said its last word may still listen: it gets its answers.
+                let _ = connection.write(controller);
                 connection.end(controller);
             }
             alive

@@ -214,8 +214,10 @@ impl Session {
             PackageKind::SetupInputs => self.set_up_inputs(payload, exchange),
             PackageKind::Start => {
                 let possible = self.outputs.is_some() || !self.inputs.is_empty();
+                if !self.started {
+                    self.quiet = (AFTER_START * f64::from(exchange.rate)).ceil() as u32;
+                }
                 self.started = possible;
-                self.quiet = (AFTER_START * f64::from(exchange.rate)).ceil() as u32;
                 self.send(kind, &[u8::from(possible)]);
             }
             PackageKind::Pause => {

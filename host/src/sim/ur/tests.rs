@@ -267,6 +267,24 @@ fn the_watchdog_bites_only_after_the_first_setpoint_and_brings_the_robot_to_rest
 }
 
 #[test]
+fn of_several_silent_watchdogs_the_gravest_acts() {
+    let after = |actions: [&str; 3]| {
+        let set = |(n, action)| format!("  rtde_set_watchdog(\"input_int_register_{n}\", 10, \"{action}\")\n");
+        let watchdogs: String = (0..3).zip(actions).map(set).collect();
+        let text = format!("def f():\n{watchdogs}  while (True):\n    sync()\n  end\nend\n");
+        let options = Options { program: text, ..options(&program(500, 0, 0.03)) };
+        let mut controller = Controller::new(&UR10E, options).expect("legal");
+        (0..100).for_each(|_| controller.step());
+        controller.last_cycle().runtime_state
+    };
+    for actions in [["stop", "pause", "ignore"], ["ignore", "stop", "pause"], ["pause", "ignore", "stop"]] {
+        assert_eq!(after(actions), RuntimeState::Stopped, "{actions:?}");
+    }
+    assert_eq!(after(["ignore", "pause", "ignore"]), RuntimeState::Paused);
+    assert_eq!(after(["ignore"; 3]), RuntimeState::Playing);
+}
+
+#[test]
 fn a_step_no_arm_can_follow_is_a_protective_stop() {
     let program = program(500, 0, 0.03);
     let mut bench = Bench::new(&program, options(&program));
