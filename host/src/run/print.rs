@@ -346,7 +346,7 @@ impl Driver {
             session.confirm();
             return None;
         }
-        Some(answer_to("The robot will move. Type yes to begin: ", "yes"))
+        Some(answer_to(print, "The robot will move. Type yes to begin: ", "yes"))
     }
 
     /// Shows the fault that the process stands in and asks whether to leave it.
@@ -358,7 +358,7 @@ impl Driver {
             let _ = sender.send(true);
             return receiver;
         }
-        answer_to("Type re-arm to leave it (nothing moves yet): ", "re-arm")
+        answer_to(print, "Type re-arm to leave it (nothing moves yet): ", "re-arm")
     }
 
     /// A line of progress: in place on a terminal, every five seconds elsewhere.
@@ -382,10 +382,15 @@ impl Driver {
 }
 
 /// Asks on standard error; the answer comes from a thread of its own, so that the print is listened to while the person
-/// thinks.
-fn answer_to(question: &str, wanted: &'static str) -> Receiver<bool> {
-    let _ = write!(io::stderr(), "{question}");
+/// thinks. For a robot that may be real only a terminal answers.
+fn answer_to(print: &Print<'_>, question: &str, wanted: &'static str) -> Receiver<bool> {
     let (sender, receiver) = mpsc::channel();
+    if !print.cell.robot.simulated && !io::stdin().is_terminal() {
+        note!("nobody can be asked: the standard input is no terminal, and the robot may be real");
+        let _ = sender.send(false);
+        return receiver;
+    }
+    let _ = write!(io::stderr(), "{question}");
     std::thread::spawn(move || {
         let mut line = String::new();
         let read = io::stdin().lock().read_line(&mut line);
