@@ -19,10 +19,10 @@ use screed::sim::ur::server::{ServeOptions, Server};
 use screed_fixtures::{QuarterCircle, quarter_circle};
 use serialport::{SerialPort, TTYPort};
 use std::fs::{self, File};
-use std::io::Write;
+use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::os::unix::fs::OpenOptionsExt;
-use std::process::{Child, Stdio};
+use std::process::{Child, ChildStderr, Stdio};
 use std::sync::atomic::{AtomicU16, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -203,7 +203,7 @@ fn servers_that_are_no_controller_are_told_apart_and_waited_for_in_vain_only_so_
         Exit::Link,
         &["bytes on the primary interface"],
     );
-    refused(kinematics(stranger(b"", true)), Exit::Link, &["says nothing"]);
+    refused(kinematics(stranger(b"", true)), Exit::Link, &["closed the connection"]);
     // A dashboard that is one, and an RTDE that is none.
     let place = serve(&Cell::demo(125).unwrap(), |_| {});
     let look = |rtde| view::view(&Place { rtde, ..place.clone() }, 0).map_err(Failure::from);
@@ -266,15 +266,52 @@ impl Machine {
         let input = File::options().read(true).write(true).custom_flags(NOCTTY).open(device).unwrap();
         let words = self.words(words);
         let mut command = self.scene.screed(&words.iter().map(String::as_str).collect::<Vec<_>>());
-        let child = command.stdin(Stdio::from(input)).spawn().unwrap();
-        for answer in answers {
-            // Typed ahead: a terminal keeps lines until they are read.
-            person.write_all(format!("{answer}\n").as_bytes()).unwrap();
-        }
-        let ended = finished(child);
+        // What was typed before a question answers none.
+        person.write_all(b"power-on\n").unwrap();
+        let mut child = command.stdin(Stdio::from(input)).spawn().unwrap();
+        let mut asked = answered(&mut child, &mut person, answers);
+        let (code, out, _) = finished(child);
+        asked.rest();
         drop((person, terminal));
-        ended
+        (code, out, asked.text)
     }
+}
+
+/// What a command says on standard error, read as it comes.
+struct Asked {
+    stderr: ChildStderr,
+    text: String,
+}
+
+impl Asked {
+    /// Reads until it ends, or until the last line is a question.
+    fn question(&mut self) -> bool {
+        let mut byte = [0];
+        while self.stderr.read(&mut byte).unwrap() == 1 {
+            self.text.push(char::from(byte[0]));
+            let line = self.text.rsplit('\n').next().unwrap();
+            if line.contains("Type ") && line.ends_with(": ") {
+                return true;
+            }
+        }
+        false
+    }
+
+    fn rest(&mut self) {
+        while self.question() {}
+    }
+}
+
+/// A person answers each question when it is shown, with the next of `answers`.
+fn answered(child: &mut Child, person: &mut TTYPort, answers: &[&str]) -> Asked {
+    let mut asked = Asked { stderr: child.stderr.take().unwrap(), text: String::new() };
+    for answer in answers {
+        if !asked.question() {
+            break;
+        }
+        person.write_all(format!("{answer}\n").as_bytes()).unwrap();
+    }
+    asked
 }
 
 /// O_NOCTTY: the test's own process shall not get the terminal as its controlling one.
@@ -388,12 +425,14 @@ fn a_real_robot_prints_with_its_option_its_number_and_a_person() {
     let input = File::options().read(true).write(true).custom_flags(NOCTTY).open(terminal.name().unwrap()).unwrap();
     let words = machine.words(&format!("{print} @own.toml --real-robot --log @cycles.screedlog"));
     let mut command = machine.scene.screed(&words.iter().map(String::as_str).collect::<Vec<_>>());
-    let host = command.stdin(Stdio::from(input)).spawn().unwrap();
-    person.write_all(b"20220000000\nyes\n").unwrap();
+    let mut host = command.stdin(Stdio::from(input)).spawn().unwrap();
+    let mut asked_person = answered(&mut host, &mut person, &["20220000000", "yes"]);
     thread::sleep(Duration::from_secs(12));
     signal(host.id() as i32, "INT");
     let asked = Instant::now();
-    let (code, out, error) = finished(host);
+    let (code, out, _) = finished(host);
+    asked_person.rest();
+    let error = asked_person.text;
     assert_eq!(code, Some(130), "{out}{error}");
     assert!(asked.elapsed() < Duration::from_secs(5) && error.contains("first layer is laid at 40 %"), "{error}");
     let (code, csv, error) = machine.screed("log @cycles.screedlog --csv");

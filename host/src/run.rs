@@ -21,6 +21,7 @@ pub mod job;
 pub mod line;
 pub mod memory;
 pub mod overruns;
+pub mod person;
 pub mod print;
 pub mod realtime;
 pub mod resend;

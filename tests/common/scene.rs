@@ -91,7 +91,10 @@ pub fn signal(process: i32, name: &str) {
 pub fn finished(mut child: Child) -> (Option<i32>, String, String) {
     let (mut out, mut error) = (String::new(), String::new());
     child.stdout.take().unwrap().read_to_string(&mut out).unwrap();
-    child.stderr.take().unwrap().read_to_string(&mut error).unwrap();
+    // Whoever answers questions has taken it.
+    if let Some(mut stderr) = child.stderr.take() {
+        stderr.read_to_string(&mut error).unwrap();
+    }
     (child.wait().unwrap().code(), out, error)
 }
 

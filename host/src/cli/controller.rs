@@ -10,6 +10,7 @@ use crate::run::controller::check::{self, Finding, Verdict};
 use crate::run::controller::view::{self, Standing, View};
 use crate::run::controller::{DashboardLine, Place, program};
 use crate::run::demo;
+use crate::run::person;
 use screed_kernel::arm::Arm;
 use screed_kernel::arms::ur;
 use serde_json::{Value, json};
@@ -32,9 +33,12 @@ fn target(of: &ControllerOf) -> Result<(Place, Option<Cell>), Failure> {
 pub fn act(args: &ActArgs, act: Act) -> Result<(), Failure> {
     let (place, cell) = target(&args.controller)?;
     let mut line = DashboardLine::connect(&place)?;
-    let before = view::standing(&mut line)?;
-    if let Some(warning) = act.warning(&before) {
-        agreed(act.word(), warning, &place, &before, cell.as_ref(), args.yes)?;
+    // What only stops is sent whatever else the controller may answer.
+    if !matches!(act, Act::Stop | Act::PowerOff) {
+        let before = view::standing(&mut line)?;
+        if let Some(warning) = act.warning(&before) {
+            agreed(act.word(), warning, &place, &before, cell.as_ref(), args.yes)?;
+        }
     }
     let now = acts::act(&mut line, act)?;
     say(&format!("{} done: {}\n", act.word(), stands(&now)))
@@ -114,6 +118,7 @@ pub fn asked(question: &str) -> Result<String, Failure> {
     if !io::stdin().is_terminal() {
         return Err(nobody("the standard input is no terminal"));
     }
+    person::forget_typed();
     let _ = write!(io::stderr(), "{question}").and_then(|()| io::stderr().flush());
     let mut line = String::new();
     io::stdin().lock().read_line(&mut line).map_err(|error| nobody(&error.to_string()))?;

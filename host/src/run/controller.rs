@@ -162,6 +162,10 @@ impl Line {
         ControllerError::Silent { service: self.service, address: self.address.clone(), patience }
     }
 
+    pub(crate) fn closed(&self) -> ControllerError {
+        self.failed(io::Error::other("it closed the connection"))
+    }
+
     fn failed(&self, source: io::Error) -> ControllerError {
         ControllerError::Unreachable { service: self.service, address: self.address.clone(), source }
     }

@@ -6,6 +6,7 @@ use crate::log::{LogWriter, Metadata};
 use crate::model::fim::FimModel;
 use crate::run::children::{self, Process};
 use crate::run::job::Outcome;
+use crate::run::person;
 use crate::run::session::{Progress, Session, SessionError, Step, Wishes, degrees};
 use crate::run::signal;
 use crate::run::summary::Summary;
@@ -390,6 +391,7 @@ fn answer_to(print: &Print<'_>, question: &str, wanted: &'static str) -> Receive
         let _ = sender.send(false);
         return receiver;
     }
+    person::forget_typed();
     let _ = write!(io::stderr(), "{question}");
     std::thread::spawn(move || {
         let mut line = String::new();

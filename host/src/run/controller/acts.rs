@@ -49,6 +49,11 @@ impl Act {
     pub const fn warning(self, standing: &Standing) -> Option<&'static str> {
         Some(match self {
             Self::PowerOn => "the motors get power; the brakes stay on",
+            Self::BrakeRelease
+                if !matches!(standing.mode, RobotMode::PowerOn | RobotMode::Idle | RobotMode::Running) =>
+            {
+                "the motors get power, then the brakes open and the arm may sink a little; its payload has to be right"
+            }
             Self::BrakeRelease => "the brakes open and the arm may sink a little; its payload has to be right",
             Self::Unlock => "the protective stop ends; look at its cause first",
             Self::Play => "the program of the controller runs and may move the arm at once",

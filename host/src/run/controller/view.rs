@@ -88,7 +88,8 @@ pub fn kinematics(place: &Place) -> Result<Kinematics, ControllerError> {
     let (mut reader, until, mut bytes) = (Primary::default(), Instant::now() + PATIENCE, [0; 4096]);
     loop {
         match line.receive(&mut bytes, until)? {
-            None | Some(0) => return Err(line.silent(PATIENCE)),
+            None => return Err(line.silent(PATIENCE)),
+            Some(0) => return Err(line.closed()),
             Some(count) => reader.handle_bytes(bytes.get(..count).unwrap_or(&[]))?,
         }
         if let Some(kinematics) = reader.kinematics() {
