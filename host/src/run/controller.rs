@@ -13,7 +13,7 @@ use crate::config::Cell;
 use crate::failure::{Exit, Failure};
 use crate::link::dashboard::{Dashboard, DashboardError, Request};
 use crate::link::primary::PrimaryError;
-use crate::link::rtde::look::LookError;
+use crate::link::rtde::LinkError;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::{Duration, Instant};
@@ -101,7 +101,7 @@ pub enum ControllerError {
     Primary(#[from] PrimaryError),
     /// RTDE.
     #[error(transparent)]
-    Look(#[from] LookError),
+    Rtde(#[from] LinkError),
 }
 
 impl From<ControllerError> for Failure {

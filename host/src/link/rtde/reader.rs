@@ -1,4 +1,4 @@
-//! A client that only reads: one recipe of a file, every package of it, and never an input.
+//! A client that only reads: one recipe, every package of it, and never an input.
 
 use super::connection::Connection;
 use super::error::{Explained, LinkError};
@@ -24,6 +24,16 @@ impl RtdeReader {
     pub fn new(file: &RecipeFile, recipe: &Recipe, rate_hz: u32, timeout_ns: u64) -> Result<Self, LinkError> {
         let recipes = Recipes::reading(recipe, file)?;
         Ok(Self { connection: Connection::new(recipes, rate_hz, timeout_ns), wanted: recipe.fields.len() })
+    }
+
+    /// The same for outputs of the guide's table by their names.
+    ///
+    /// # Errors
+    /// [`LinkError::RecipeTooLong`].
+    pub fn of(names: &[&str], rate_hz: u32, timeout_ns: u64) -> Result<Self, LinkError> {
+        let recipes = Recipes::of(names)?;
+        let wanted = recipes.outputs.len();
+        Ok(Self { connection: Connection::new(recipes, rate_hz, timeout_ns), wanted })
     }
 
     /// Takes bytes, split anywhere; each data package that is complete is handed on: the values of [`Self::fields`].

@@ -142,6 +142,15 @@ impl Recipes {
         Self { outputs, inputs: Vec::new(), file: Some(file.clone()), size: 0, longest: 0 }.sized()
     }
 
+    /// Outputs by their names, all of the guide's table, and no inputs: for who only reads. What is not in the table is left out.
+    ///
+    /// # Errors
+    /// [`LinkError::RecipeTooLong`].
+    pub fn of(names: &[&str]) -> Result<Self, LinkError> {
+        let outputs = names.iter().filter_map(|name| Some(Field::own(name, fields::output(name)?))).collect();
+        Self { outputs, inputs: Vec::new(), file: None, size: 0, longest: 0 }.sized()
+    }
+
     fn sized(mut self) -> Result<Self, LinkError> {
         let size: usize = self.outputs.iter().map(|field| field.kind.size()).sum();
         // A type's name is shorter than 16 bytes, and so is a refusal.

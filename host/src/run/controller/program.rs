@@ -53,7 +53,7 @@ pub fn upload(place: &Place, register_offset: u8, text: &str) -> Result<(), Fail
             break;
         }
     }
-    while let Some(text) = look.look.poll_text() {
+    while let Some(text) = look.poll_text() {
         said.push(text.message.to_string());
     }
     Err(not_taken(&said, seen.as_ref()))

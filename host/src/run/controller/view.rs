@@ -3,13 +3,19 @@
 use super::{ControllerError, DashboardLine, Line, Place};
 use crate::link::dashboard::{self, ProgramState, RobotMode, Safety, Version};
 use crate::link::primary::{Kinematics, Primary};
-use crate::link::rtde::ControllerVersion;
-use crate::link::rtde::look::{Look, State};
+use crate::link::rtde::look::{Outputs, State};
+use crate::link::rtde::reader::RtdeReader;
+use crate::link::rtde::wire::PackageKind;
+use crate::link::rtde::{ControllerVersion, LinkError, TextMessage};
 use crate::robot::calibration::ControllerTable;
+use screed_kernel::units::Nanos;
 use std::time::{Duration, Instant};
 
 /// How long a state may take to come.
 const PATIENCE: Duration = Duration::from_secs(5);
+
+/// States a second that are looked at; with protocol 1 the controller sends as many as it does.
+const RATE_HZ: u32 = 25;
 
 /// What was told.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,14 +111,28 @@ pub fn table(kinematics: &Kinematics) -> ControllerTable {
 }
 
 /// A connection that looks at states.
-pub(super) struct LookLine {
+pub(super) struct LookLine<'a> {
+    place: &'a Place,
     line: Line,
-    pub look: Look,
+    outputs: Outputs,
+    reader: RtdeReader,
+    began: Instant,
 }
 
-impl LookLine {
-    pub(super) fn connect(place: &Place, register_offset: u8) -> Result<Self, ControllerError> {
-        Ok(Self { line: Line::connect("RTDE", &place.host, place.rtde)?, look: Look::new(register_offset) })
+impl<'a> LookLine<'a> {
+    pub(super) fn connect(place: &'a Place, register_offset: u8) -> Result<Self, ControllerError> {
+        Self::with(place, Outputs::all(register_offset))
+    }
+
+    fn with(place: &'a Place, outputs: Outputs) -> Result<Self, ControllerError> {
+        let reader = RtdeReader::of(outputs.names(), RATE_HZ, PATIENCE.as_nanos() as u64)?;
+        Ok(Self {
+            place,
+            line: Line::connect("RTDE", &place.host, place.rtde)?,
+            outputs,
+            reader,
+            began: Instant::now(),
+        })
     }
 
     /// The next state.
@@ -120,20 +140,37 @@ impl LookLine {
         self.by(Instant::now() + PATIENCE)?.ok_or_else(|| self.line.silent(PATIENCE))
     }
 
-    /// The newest state, should one come until then.
+    /// The newest state, should one come until then. Of a controller that lacks newer fields it is asked for without them, on
+    /// a fresh connection.
     pub(super) fn by(&mut self, until: Instant) -> Result<Option<(State, ControllerVersion)>, ControllerError> {
         let mut bytes = [0; 4096];
         loop {
-            let count = self.look.poll_transmit(&mut bytes);
+            let now = Nanos(self.began.elapsed().as_nanos() as u64);
+            let count = self.reader.poll_transmit(now, &mut bytes);
             self.line.send(bytes.get(..count).unwrap_or(&[]))?;
-            match self.line.receive(&mut bytes, until)? {
+            let count = match self.line.receive(&mut bytes, until)? {
                 None => return Ok(None),
-                Some(0) => return Err(self.look.handle_closed().into()),
-                Some(count) => self.look.handle_bytes(bytes.get(..count).unwrap_or(&[]))?,
+                Some(0) => return Err(self.reader.handle_closed().into()),
+                Some(count) => count,
+            };
+            let (mut seen, mut broken) = (None, false);
+            let result = self.reader.handle_bytes(now, bytes.get(..count).unwrap_or(&[]), |values| {
+                seen = self.outputs.decode(values);
+                broken |= seen.is_none();
+            });
+            match result {
+                Err(error) if self.outputs.leave_out(&error) => *self = Self::with(self.place, self.outputs.clone())?,
+                Ok(()) if broken => return Err(LinkError::Malformed { kind: PackageKind::Data }.into()),
+                _ => result?,
             }
-            if let (Some(state), Some(controller)) = (self.look.poll_state(), self.look.controller()) {
+            if let (Some(state), Some(controller)) = (seen, self.reader.controller()) {
                 return Ok(Some((state, controller)));
             }
         }
+    }
+
+    /// The next text of the controller, oldest first.
+    pub(super) fn poll_text(&mut self) -> Option<TextMessage> {
+        self.reader.poll_text().map(|(text, _)| text)
     }
 }
