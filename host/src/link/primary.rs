@@ -1,5 +1,5 @@
-//! UR's primary interface, port 30001: what a controller sends unasked. Of it the version, the robot's mode, the kinematics of the
-//! unit and messages for a person are read; everything else is passed over without being kept. Programs are sent on the same
+//! UR's primary interface, port 30001: what a controller sends unasked. Of it the kinematics of the unit and messages for a
+//! person are read; everything else is passed over. Programs are sent on the same
 //! port ([`program`]).
 //!
 //! Layouts after the maker's "Client interfaces" (5.10 and 3.15), and the readers of the Universal_Robots_Client_Library
@@ -9,7 +9,6 @@
 #[cfg(test)]
 mod tests;
 
-use super::dashboard::RobotMode;
 use super::rtde::wire::PayloadReader;
 use std::collections::VecDeque;
 
@@ -29,22 +28,11 @@ const TEXT_MAX: usize = 400;
 /// Types of packages, of parts of a robot state, and of messages.
 const ROBOT_STATE: u8 = 16;
 const ROBOT_MESSAGE: u8 = 20;
-const MODE: u8 = 0;
 const KINEMATICS: u8 = 5;
 const TEXT: u8 = 0;
-const VERSION: u8 = 3;
 const ERROR_CODE: u8 = 6;
 const KEY: u8 = 7;
 const RUNTIME_EXCEPTION: u8 = 10;
-
-/// The controller's software.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Software {
-    /// "URControl".
-    pub project: String,
-    /// Major, minor, bugfix, build.
-    pub version: [u32; 4],
-}
 
 /// The arm's table as the controller has it, its unit's calibration included.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,21 +49,6 @@ pub struct Kinematics {
     pub alpha: [f64; 6],
     /// 0 not initialised, 1 not linearised, 2 linearised, as `calibration.conf` names them.
     pub status: u32,
-}
-
-/// Power, brakes and program.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Mode {
-    /// Power and brakes.
-    pub robot: RobotMode,
-    /// An emergency stop is pressed.
-    pub emergency_stopped: bool,
-    /// A protective stop.
-    pub protective_stopped: bool,
-    /// A program runs.
-    pub program_running: bool,
-    /// It is held.
-    pub program_paused: bool,
 }
 
 /// Something for a person.
@@ -117,9 +90,7 @@ pub struct Primary {
     /// Bytes of the content that have not come.
     missing: usize,
     content: Vec<u8>,
-    software: Option<Software>,
     kinematics: Option<Kinematics>,
-    mode: Option<Mode>,
     messages: VecDeque<Message>,
     failed: Option<PrimaryError>,
 }
@@ -136,19 +107,9 @@ impl Primary {
         result
     }
 
-    /// The software, once it was told.
-    pub const fn software(&self) -> Option<&Software> {
-        self.software.as_ref()
-    }
-
     /// The table, once it was told: with the first robot state of a connection.
     pub const fn kinematics(&self) -> Option<&Kinematics> {
         self.kinematics.as_ref()
-    }
-
-    /// The newest mode.
-    pub const fn mode(&self) -> Option<Mode> {
-        self.mode
     }
 
     /// The next message for a person, oldest first.
@@ -216,7 +177,6 @@ impl Primary {
                 Some((kind, reader.bytes(size.checked_sub(HEADER_LEN)?)?))
             };
             match part().ok_or_else(|| malformed("parts"))? {
-                (MODE, part) => self.mode = Some(mode(part).ok_or_else(|| malformed("robot mode"))?),
                 (KINEMATICS, part) => {
                     self.kinematics = Some(kinematics(part).ok_or_else(|| malformed("kinematics"))?);
                 }
@@ -232,10 +192,6 @@ impl Primary {
         // A time and who speaks.
         let kind = reader.bytes(9).and_then(|_| reader.u8()).ok_or_else(|| malformed("type"))?;
         let message = match kind {
-            VERSION => {
-                self.software = Some(software(&mut reader).ok_or_else(|| malformed("version"))?);
-                return Ok(());
-            }
             TEXT => Some((false, shown(reader.rest()))),
             KEY => keyed(&mut reader).map(|text| (false, text)),
             ERROR_CODE => coded(&mut reader).map(|text| (true, text)),
@@ -254,20 +210,6 @@ impl Primary {
     }
 }
 
-fn mode(part: &[u8]) -> Option<Mode> {
-    let mut reader = PayloadReader::new(part);
-    reader.bytes(8)?;
-    let [_connected, _enabled, _power, emergency, protective, running, paused] = *reader.bytes(7)?.first_chunk()?;
-    let robot = RobotMode::from_code(i32::from(reader.u8()? as i8))?;
-    Some(Mode {
-        robot,
-        emergency_stopped: emergency != 0,
-        protective_stopped: protective != 0,
-        program_running: running != 0,
-        program_paused: paused != 0,
-    })
-}
-
 fn kinematics(part: &[u8]) -> Option<Kinematics> {
     let mut reader = PayloadReader::new(part);
     let mut checksum = [0; 6];
@@ -278,13 +220,6 @@ fn kinematics(part: &[u8]) -> Option<Kinematics> {
     let finite = [&theta, &a, &d, &alpha].into_iter().flatten().all(|value: &f64| value.is_finite());
     let status = reader.u32()?;
     finite.then_some(Kinematics { checksum, theta, a, d, alpha, status })
-}
-
-fn software(reader: &mut PayloadReader<'_>) -> Option<Software> {
-    let length = usize::from(reader.u8()?);
-    let project = shown(reader.bytes(length)?);
-    let [major, minor] = [reader.u8()?, reader.u8()?].map(u32::from);
-    Some(Software { project, version: [major, minor, reader.u32()?, reader.u32()?] })
 }
 
 /// A code, its argument, a title and a text.

@@ -27,7 +27,6 @@ fn sound() -> (Cell, View) {
         standing: Standing {
             model: Some("UR10".to_owned()),
             serial: cell.robot.serial.clone(),
-            software: Some([5, 11, 6, 1]),
             remote: Some(true),
             mode: RobotMode::Running,
             safety: Safety::Normal,

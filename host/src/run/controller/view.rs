@@ -1,7 +1,7 @@
 //! What a controller tells of itself, read once: dashboard, RTDE, primary interface. Nothing is written.
 
 use super::{ControllerError, DashboardLine, Line, Place};
-use crate::link::dashboard::{self, ProgramState, RobotMode, Safety, Version};
+use crate::link::dashboard::{self, ProgramState, RobotMode, Safety};
 use crate::link::primary::{Kinematics, Primary};
 use crate::link::rtde::look::{Outputs, State};
 use crate::link::rtde::reader::RtdeReader;
@@ -37,8 +37,6 @@ pub struct Standing {
     pub model: Option<String>,
     /// Its serial number; old software does not tell.
     pub serial: Option<String>,
-    /// The dashboard's software.
-    pub software: Option<Version>,
     /// Whether it takes commands from the network; controllers before the e-Series do not tell, and take them.
     pub remote: Option<bool>,
     /// Power and brakes.
@@ -76,7 +74,6 @@ pub fn standing(line: &mut DashboardLine) -> Result<Standing, ControllerError> {
     Ok(Standing {
         model: line.ask_if_known(&dashboard::MODEL)?,
         serial: line.ask_if_known(&dashboard::SERIAL)?,
-        software: line.ask_if_known(&dashboard::VERSION)?,
         remote: line.ask_if_known(&dashboard::REMOTE_CONTROL)?,
         mode: line.ask(&dashboard::ROBOT_MODE)?,
         safety,
