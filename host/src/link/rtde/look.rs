@@ -17,7 +17,7 @@ const RATE: f64 = 25.0;
 /// Texts kept until they are polled; older ones go.
 const TEXTS_MAX: usize = 32;
 /// How many fields every controller has, and how many there are; those behind are newer.
-const REQUIRED: usize = 7;
+const REQUIRED: usize = 8;
 const COUNT: usize = REQUIRED + 3;
 
 const fn fields(register_offset: u8) -> [(&'static str, FieldType); COUNT] {
@@ -29,6 +29,7 @@ const fn fields(register_offset: u8) -> [(&'static str, FieldType); COUNT] {
         ("robot_mode", FieldType::Int32),
         ("safety_status_bits", FieldType::Uint32),
         (if register_offset == 0 { "output_int_register_0" } else { "output_int_register_24" }, FieldType::Int32),
+        (if register_offset == 0 { "output_int_register_1" } else { "output_int_register_25" }, FieldType::Int32),
         ("tcp_offset", FieldType::Vector6d),
         ("payload", FieldType::Double),
         ("payload_cog", FieldType::Vector3d),
@@ -52,6 +53,8 @@ pub struct State {
     pub safety_status_bits: u32,
     /// What the program says in its output register.
     pub program_state: i32,
+    /// What the program counts on in the register behind it.
+    pub program_count: i32,
     /// flange_from_tcp of the controller's installation, likewise.
     pub tcp_offset: Option<[f64; 6]>,
     /// Mass that the controller reckons with (kg).
@@ -272,6 +275,7 @@ impl Look {
             robot_mode: reader.i32()?,
             safety_status_bits: reader.u32()?,
             program_state: reader.i32()?,
+            program_count: reader.i32()?,
             tcp_offset: if offset { Some(reader.f64s()?) } else { None },
             payload: if payload { Some(reader.f64()?) } else { None },
             payload_cog: if cog { Some(reader.f64s()?) } else { None },
