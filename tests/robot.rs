@@ -7,6 +7,7 @@ use common::scene::{Scene, announced, finished, signal};
 use screed::config::Cell;
 use screed::failure::{Exit, Failure};
 use screed::link::dashboard::{ProgramState, RobotMode, Safety};
+use screed::link::rtde::program::ProgramState as ProgramPhase;
 use screed::link::rtde::wire::Protocol;
 use screed::run::controller::acts::{Act, act};
 use screed::run::controller::check::{self, Verdict};
@@ -24,6 +25,7 @@ use std::net::{TcpListener, TcpStream};
 use std::os::unix::fs::OpenOptionsExt;
 use std::process::{Child, ChildStderr, Stdio};
 use std::sync::atomic::{AtomicU16, Ordering};
+use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -96,6 +98,74 @@ fn a_robot_of_either_generation_is_powered_given_its_program_and_found_ready() {
     }
 }
 
+/// An RTDE client that sends setpoints to hold `joints` 50 times a second, until it is dropped.
+struct Sender(Option<mpsc::Sender<()>>, Option<thread::JoinHandle<()>>);
+
+impl Sender {
+    fn new(place: &Place, joints: [f64; 6]) -> Self {
+        let mut stream = TcpStream::connect((place.host.as_str(), place.rtde)).unwrap();
+        let mut ask = |kind: u8, content: &[u8]| {
+            let package = [&(content.len() as u16 + 3).to_be_bytes()[..], &[kind], content].concat();
+            stream.write_all(&package).unwrap();
+            let mut head = [0; 3];
+            stream.read_exact(&mut head).unwrap();
+            let mut answer = vec![0; usize::from(u16::from_be_bytes([head[0], head[1]])) - 3];
+            stream.read_exact(&mut answer).unwrap();
+            answer
+        };
+        ask(b'V', &2_u16.to_be_bytes());
+        let doubles: Vec<String> = (0..6).map(|n| format!("input_double_register_{n}")).collect();
+        let recipe = ask(b'I', format!("input_int_register_0,{}", doubles.join(",")).as_bytes());
+        assert_eq!(recipe[0], 1, "{recipe:?}");
+        let (end, ended) = mpsc::channel::<()>();
+        let thread = thread::spawn(move || {
+            for count in 1_i32.. {
+                let values = joints.iter().flat_map(|value| value.to_be_bytes());
+                let bytes: Vec<u8> = [0, 56, b'U', 1].into_iter().chain(count.to_be_bytes()).chain(values).collect();
+                let wait = ended.recv_timeout(Duration::from_millis(20));
+                if stream.write_all(&bytes).is_err() || wait == Err(mpsc::RecvTimeoutError::Disconnected) {
+                    return;
+                }
+            }
+        });
+        Self(Some(end), Some(thread))
+    }
+}
+
+impl Drop for Sender {
+    fn drop(&mut self) {
+        drop(self.0.take());
+        let _ = self.1.take().map(thread::JoinHandle::join);
+    }
+}
+
+#[test]
+fn only_screeds_own_program_passes_for_it_and_how_far_it_is_is_told() {
+    let mut cell = Cell::demo(125).unwrap();
+    cell.link.watchdog = 2.0;
+    let place = serve(&cell, |options| (options.powered, options.autoplay) = (true, true));
+    let program = || {
+        let view = view::view(&place, 0).unwrap();
+        check::playing(&view)
+    };
+    thread::sleep(Duration::from_millis(200));
+    assert_eq!(program(), Some(ProgramPhase::Waiting));
+    let sender = Sender::new(&place, cell.robot.start.0);
+    thread::sleep(Duration::from_millis(200));
+    assert_eq!(program(), Some(ProgramPhase::Following));
+    drop(sender);
+    let mut line = DashboardLine::connect(&place).unwrap();
+    act(&mut line, Act::Stop).unwrap();
+    assert_eq!(program(), None);
+    // The register still says that Screed's follows, while another program plays.
+    let mut primary = TcpStream::connect((place.host.as_str(), place.primary)).unwrap();
+    primary.write_all(b"def other():\n  while True:\n    sync()\n  end\nend\n").unwrap();
+    thread::sleep(Duration::from_millis(300));
+    let view = view::view(&place, 0).unwrap();
+    assert_eq!((view.state.runtime_state, view.state.program_state), (2, 2));
+    assert_eq!((check::playing(&view), bad(&cell, &place)), (None, vec!["program"]));
+}
+
 #[test]
 fn a_program_that_the_controller_does_not_take_is_told_as_such() {
     let cell = Cell::demo(125).unwrap();
@@ -106,14 +176,14 @@ fn a_program_that_the_controller_does_not_take_is_told_as_such() {
     refused(upload(&ours.replace("servoj(", "servoi(")), Exit::Link, &["did not take the program", "no program plays"]);
     // It runs and is another.
     let other = "def other():\n  while True:\n    sync()\n  end\nend\n";
-    refused(upload(other), Exit::Link, &["did not take the program", "output register is not Screed's"]);
+    refused(upload(other), Exit::Link, &["did not take the program", "output registers are not Screed's"]);
     assert_eq!(bad(&cell, &place), ["program"]);
     let mut line = DashboardLine::connect(&place).unwrap();
     act(&mut line, Act::Stop).unwrap();
     // Its registers are others.
     let mut shifted = cell.clone();
     shifted.link.register_offset = 24;
-    refused(upload(&demo::program(&shifted).unwrap()), Exit::Link, &["output register is not Screed's"]);
+    refused(upload(&demo::program(&shifted).unwrap()), Exit::Link, &["output registers are not Screed's"]);
     act(&mut line, Act::Stop).unwrap();
     upload(&ours).unwrap();
 }
@@ -241,6 +311,12 @@ impl Machine {
         Self { scene, robot }
     }
 
+    fn place(&self) -> Place {
+        let text = fs::read_to_string(self.scene.path("real.toml")).unwrap();
+        let port = text.lines().find_map(|line| line.strip_prefix("port = ")).unwrap();
+        Place::new("127.0.0.1", port.parse().unwrap()).unwrap()
+    }
+
     /// Without a terminal: exit code, standard output and error.
     fn screed(&self, words: &str) -> (Option<i32>, String, String) {
         let words: Vec<String> = self.words(words);
@@ -362,7 +438,19 @@ fn commands_need_a_person_at_a_terminal_and_yes_is_for_simulated_robots() {
     let (code, _, error) = machine.at_terminal("robot play --upload --cell REAL", &["upload"]);
     assert!(code == Some(3) && error.contains("add serial = \"20220000000\""), "{error}");
     let (code, out, error) = machine.at_terminal("robot play --upload --cell SIMULATED", &["upload"]);
-    assert!(code == Some(0) && out.contains("waits for setpoints"), "{error}");
+    assert!(code == Some(0) && out.contains("waits for setpoints") && !out.contains("already"), "{error}");
+    let (code, out, error) = machine.screed("robot play --upload --cell SIMULATED");
+    assert!(code == Some(0) && out.contains("plays already and waits for setpoints: nothing was uploaded"), "{error}");
+    {
+        let _sender = Sender::new(&machine.place(), Cell::demo(125).unwrap().robot.start.0);
+        thread::sleep(Duration::from_millis(200));
+        let (code, out, error) = machine.screed("robot play --upload --cell SIMULATED");
+        assert!(code == Some(0) && out.contains("follows setpoints that somebody sends"), "{out}{error}");
+    }
+    // Its watchdog has stopped it.
+    thread::sleep(Duration::from_millis(1000));
+    let (code, out, error) = machine.at_terminal("robot play --upload --cell SIMULATED", &["upload"]);
+    assert!(code == Some(0) && !out.contains("already"), "{out}{error}");
     let (code, out, error) = machine.screed("robot status --cell SIMULATED");
     assert!(code == Some(0) && out.contains("Screed's plays") && !out.contains("BAD"), "{out}{error}");
     // Stopping and taking power away ask nobody.

@@ -4,6 +4,7 @@ use super::args::{ActArgs, ControllerCalibrationArgs, ControllerOf, PlayArgs, Pr
 use super::say;
 use crate::config::{self, Cell};
 use crate::failure::{Exit, Failure};
+use crate::link::rtde::program::ProgramState;
 use crate::robot::{self, calibration};
 use crate::run::controller::acts::{self, Act};
 use crate::run::controller::check::{self, Finding, Verdict};
@@ -48,33 +49,50 @@ pub fn act(args: &ActArgs, act: Act) -> Result<(), Failure> {
 pub fn play(args: &PlayArgs) -> Result<(), Failure> {
     let (place, cell) = target(&args.act.controller)?;
     let Some(mut cell) = cell.filter(|_| args.upload) else { return act(&args.act, Act::Play) };
-    let found = prepare(&place, &mut cell, Some(args.act.yes))?;
-    say(&format!("{found}Screed's program plays and waits for setpoints\n"))
+    let Prepared { notes, program, uploaded } = prepare(&place, &mut cell, Some(args.act.yes))?;
+    let told = match (program, uploaded) {
+        (ProgramState::Following, _) => {
+            "Screed's program plays already and follows setpoints that somebody sends: nothing was uploaded"
+        }
+        (_, false) => "Screed's program plays already and waits for setpoints: nothing was uploaded",
+        (_, true) => "Screed's program plays and waits for setpoints",
+    };
+    say(&format!("{notes}{told}\n"))
+}
+
+/// A robot that a print can begin on.
+pub struct Prepared {
+    /// What is to be known, as lines.
+    pub notes: String,
+    /// How far Screed's program is.
+    pub program: ProgramState,
+    /// Whether it was sent just now.
+    pub uploaded: bool,
 }
 
 /// Looks whether the robot is the cell's and a print could begin; with `upload` (and whether `--yes` was given), Screed's program is
-/// sent and started where none plays, after a person has agreed. What is to be known, as lines.
+/// sent and started where none plays, after a person has agreed.
 ///
 /// # Errors
 /// [`Failure`] with everything that is in the way.
-pub fn prepare(place: &Place, cell: &mut Cell, upload: Option<bool>) -> Result<String, Failure> {
+pub fn prepare(place: &Place, cell: &mut Cell, upload: Option<bool>) -> Result<Prepared, Failure> {
     let mut view = view::view(place, cell.link.register_offset)?;
     of_controller(cell, &view)?;
     let mut findings = check::judge(cell, &view);
-    let program = findings.iter().position(|finding| finding.what == check::PROGRAM);
-    if let (Some(yes), Some(place_of_program)) = (upload, program)
-        && findings[place_of_program].verdict != Verdict::Good
-    {
-        findings.remove(place_of_program);
+    let mut uploaded = false;
+    if let Some(yes) = upload.filter(|_| check::playing(&view).is_none()) {
+        findings.retain(|finding| finding.what != check::PROGRAM);
         check::failure(&findings).map_or(Ok(()), Err)?;
         let warning = "Screed's program is sent and plays; it holds the arm where it is until setpoints come";
         agreed("upload", warning, place, &view.standing, Some(cell), yes)?;
         program::upload(place, cell.link.register_offset, &demo::program(cell)?)?;
         view = view::view(place, cell.link.register_offset)?;
         findings = check::judge(cell, &view);
+        uploaded = true;
     }
     check::failure(&findings).map_or(Ok(()), Err)?;
-    Ok(tell(&findings))
+    let program = check::playing(&view).unwrap_or(ProgramState::NotStarted);
+    Ok(Prepared { notes: tell(&findings), program, uploaded })
 }
 
 /// Asks the person at the terminal. `--yes` answers for cells with a simulated robot only.

@@ -78,9 +78,9 @@ fn robot_is_ready(args: &PrintArgs, cell: &mut Cell) -> Result<(), Failure> {
         // A screed-rt that somebody else has started may have its robot elsewhere.
         tell_person("note: the robot of that screed-rt is simulated and not looked at beforehand");
     } else {
-        let notes = controller::prepare(&Place::of(cell)?, cell, args.upload.then_some(args.yes))?;
+        let prepared = controller::prepare(&Place::of(cell)?, cell, args.upload.then_some(args.yes))?;
         if !args.json {
-            tell_person(notes.trim_end());
+            tell_person(prepared.notes.trim_end());
         }
     }
     if cell.robot.simulated { Ok(()) } else { confirm_serial(args.serial.as_deref(), cell) }

@@ -5,7 +5,7 @@ use super::error::LinkError;
 use super::wire::PayloadReader;
 
 /// How many fields every controller has; those behind are newer, and a controller without them is asked again without.
-const REQUIRED: usize = 7;
+const REQUIRED: usize = 8;
 const NEWER: [&str; 3] = ["tcp_offset", "payload", "payload_cog"];
 
 /// What was seen (SI).
@@ -25,6 +25,8 @@ pub struct State {
     pub safety_status_bits: u32,
     /// What the program says in its output register.
     pub program_state: i32,
+    /// What the program counts on in the register behind it.
+    pub program_count: i32,
     /// flange_from_tcp of the controller's installation, likewise.
     pub tcp_offset: Option<[f64; 6]>,
     /// Mass that the controller reckons with (kg).
@@ -40,11 +42,23 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// All of them; the program's register is the first from `register_offset`, 0 or 24, on.
+    /// All of them; the program's registers are the first two from `register_offset`, 0 or 24, on.
     pub fn all(register_offset: u8) -> Self {
-        let register = if register_offset == 0 { "output_int_register_0" } else { "output_int_register_24" };
-        let required: [_; REQUIRED] =
-            ["timestamp", "actual_q", "actual_TCP_pose", "runtime_state", "robot_mode", "safety_status_bits", register];
+        let [state, count] = if register_offset == 0 {
+            ["output_int_register_0", "output_int_register_1"]
+        } else {
+            ["output_int_register_24", "output_int_register_25"]
+        };
+        let required: [_; REQUIRED] = [
+            "timestamp",
+            "actual_q",
+            "actual_TCP_pose",
+            "runtime_state",
+            "robot_mode",
+            "safety_status_bits",
+            state,
+            count,
+        ];
         Self { names: required.into_iter().chain(NEWER).collect() }
     }
 
@@ -74,6 +88,7 @@ impl Outputs {
             robot_mode: reader.i32()?,
             safety_status_bits: reader.u32()?,
             program_state: reader.i32()?,
+            program_count: reader.i32()?,
             tcp_offset: if has(NEWER[0]) { Some(reader.f64s()?) } else { None },
             payload: if has(NEWER[1]) { Some(reader.f64()?) } else { None },
             payload_cog: if has(NEWER[2]) { Some(reader.f64s()?) } else { None },

@@ -1,9 +1,10 @@
 //! The robot's side of the link: a URScript program that moves the arm to what the input registers say.
 //!
 //! After the first published system's robot program (its Fig. 3): the main loop calls `servoj` with the newest setpoint, a
-//! thread beside it copies the six registers. Three things are added: the thread looks at the sequence number, the watchdog
-//! is armed only when the first setpoint came (before, nobody is obliged to send), and the output register says how far
-//! the program is.
+//! thread beside it copies the six registers. Four things are added: the thread looks at the sequence number, the watchdog
+//! is armed only when the first setpoint came (before, nobody is obliged to send), an output register says how far the
+//! program is, and the one behind it is counted on by the thread: a register keeps its value when the program has ended, so
+//! that the state alone would also stand there while another program plays.
 
 use std::fmt;
 
@@ -11,6 +12,9 @@ use std::fmt;
 pub const LOOKAHEAD_RANGE: [f64; 2] = [0.03, 0.2];
 /// Gains that `servoj` accepts, by the URScript manual.
 pub const GAIN_RANGE: [f64; 2] = [100.0, 2000.0];
+
+/// The thread counts its cycles up to this and begins again.
+const COUNT_END: u32 = 1_000_000;
 
 /// What the program writes to its output register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,7 +131,8 @@ impl Program {
         let registers: Vec<String> = (first..first + 6).map(|n| format!("read_input_float_register({n})")).collect();
         Ok(format!(
             "def screed():
-  # Output register: {not_started} not started, {waiting} waiting for the first setpoint, {following} following.
+  # Output register {first}: {not_started} not started, {waiting} waiting for the first setpoint, {following} following.
+  # Output register {second}: counts on as long as this program plays.
   write_output_integer_register({first}, {not_started})
   global setpoint = get_actual_joint_positions()
   global sequence = read_input_integer_register({first})
@@ -135,7 +140,13 @@ impl Program {
   thread receive():
     local newest = sequence
     local joints = setpoint
+    local cycles = 0
     while (True):
+      cycles = cycles + 1
+      if (cycles >= {COUNT_END}):
+        cycles = 0
+      end
+      write_output_integer_register({second}, cycles)
       newest = read_input_integer_register({first})
       if (newest != sequence):
         joints = [{registers}]
@@ -163,6 +174,7 @@ end
             not_started = ProgramState::NotStarted.code(),
             waiting = ProgramState::Waiting.code(),
             following = ProgramState::Following.code(),
+            second = first + 1,
             registers = registers.join(", "),
             watchdog_hz = 1.0 / self.watchdog,
             action = self.watchdog_action,

@@ -407,6 +407,8 @@ fn program_parameters_outside_their_range_are_named() {
     assert!(text.contains("servoj(setpoint, 0, 0, 0.008, 0.1, 300)"), "{text}");
     assert!(text.contains("rtde_set_watchdog(\"input_int_register_24\", 2, \"stop\")"), "{text}");
     assert!(text.contains("read_input_float_register(29)"), "{text}");
+    assert!(text.contains("write_output_integer_register(24, 1)"), "{text}");
+    assert!(text.contains("write_output_integer_register(25, cycles)"), "{text}");
     let cases = [
         ("lookahead", Program { lookahead: 0.02, ..good }),
         ("lookahead", Program { lookahead: f64::NAN, ..good }),

@@ -1,10 +1,12 @@
 //! Whether a robot is the cell's, and stands so that a print can begin: a judgement of what the controller told, without sockets.
 
 use super::acts;
-use super::program::{PLAYING, STOPPED, is_ours};
+use super::program::{PLAYING, STOPPED, ours};
 use super::view::{View, table};
 use crate::config::Cell;
 use crate::failure::{Exit, Failure, Problem};
+use crate::link::rtde::look::State;
+use crate::link::rtde::program::ProgramState;
 use crate::robot::calibration;
 use nalgebra::Vector3;
 use screed_kernel::arm::Arm;
@@ -311,15 +313,25 @@ fn payload_cog(cell: &Cell, view: &View) -> Finding {
     }
 }
 
+/// How far Screed's program is; none where it does not play.
+pub fn playing(view: &View) -> Option<ProgramState> {
+    let State { runtime_state, program_state, .. } = view.state;
+    ours(program_state, view.is_counting).filter(|_| runtime_state == PLAYING)
+}
+
 fn program(view: &View) -> Finding {
     const UPLOAD: &str = "screed robot play --upload, or give --upload to screed print";
     let name = &view.standing.program_name;
     match view.state.runtime_state {
-        PLAYING if is_ours(view.state.program_state) => Finding::good(PROGRAM, "Screed's plays"),
-        PLAYING => {
-            let text = "one plays whose output register is not Screed's: another program, or another register_offset";
-            Finding::bad(PROGRAM, text, Exit::Link, format!("screed robot stop, then {UPLOAD}"))
-        }
+        PLAYING => match playing(view) {
+            Some(ProgramState::Following) => Finding::good(PROGRAM, "Screed's plays and follows setpoints"),
+            Some(_) => Finding::good(PROGRAM, "Screed's plays and waits for setpoints"),
+            None => {
+                let text = "one plays whose output registers are not Screed's: another program, or one of an older Screed or \
+                            another register_offset";
+                Finding::bad(PROGRAM, text, Exit::Link, format!("screed robot stop, then {UPLOAD}"))
+            }
+        },
         STOPPED => Finding::bad(PROGRAM, format!("none plays (loaded: {name})"), Exit::Link, UPLOAD),
         _ => Finding::bad(
             PROGRAM,

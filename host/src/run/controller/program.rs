@@ -28,7 +28,8 @@ pub fn upload(place: &Place, register_offset: u8, text: &str) -> Result<(), Fail
     ready(&look.next()?.0)?;
     let mut line = Line::connect("the primary interface", &place.host, place.primary)?;
     line.send(&primary::program(text))?;
-    let (until, mut reader, mut said, mut seen) = (Instant::now() + PATIENCE, Primary::default(), Vec::new(), None);
+    let (until, mut reader, mut said) = (Instant::now() + PATIENCE, Primary::default(), Vec::new());
+    let mut seen: Option<State> = None;
     let mut bytes = [0; 4096];
     while Instant::now() < until {
         if let Some(count) = line.receive(&mut bytes, Instant::now() + TURN)? {
@@ -44,7 +45,8 @@ pub fn upload(place: &Place, register_offset: u8, text: &str) -> Result<(), Fail
             said.push(message.text);
         }
         if let Some((state, _)) = look.by(Instant::now() + TURN)? {
-            if state.runtime_state == PLAYING && is_ours(state.program_state) {
+            let is_counting = seen.is_some_and(|before| before.program_count != state.program_count);
+            if state.runtime_state == PLAYING && ours(state.program_state, is_counting).is_some() {
                 return Ok(());
             }
             seen = Some(state);
@@ -59,9 +61,10 @@ pub fn upload(place: &Place, register_offset: u8, text: &str) -> Result<(), Fail
     Err(not_taken(&said, seen.as_ref()))
 }
 
-/// Whether the output register says that a program of Screed waits or follows.
-pub(super) fn is_ours(code: i32) -> bool {
-    matches!(ProgramState::from_code(code), Some(ProgramState::Waiting | ProgramState::Following))
+/// Whether a program of Screed that plays waits or follows; none where another one plays. Its register alone does not tell: it
+/// keeps its value after the program has ended.
+pub(super) fn ours(code: i32, is_counting: bool) -> Option<ProgramState> {
+    ProgramState::from_code(code).filter(|state| is_counting && *state != ProgramState::NotStarted)
 }
 
 /// Whether a program can be started at all, and would not replace one that runs.
@@ -87,7 +90,7 @@ fn ready(state: &State) -> Result<(), Failure> {
 
 fn not_taken(said: &[String], seen: Option<&State>) -> Failure {
     let stand = match seen {
-        Some(state) if state.runtime_state == PLAYING => "a program plays, but its output register is not Screed's",
+        Some(state) if state.runtime_state == PLAYING => "a program plays, but its output registers are not Screed's",
         Some(_) => "no program plays",
         None => "no state of the robot came",
     };

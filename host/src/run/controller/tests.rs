@@ -42,10 +42,12 @@ fn sound() -> (Cell, View) {
             robot_mode: 7,
             safety_status_bits: 1,
             program_state: 1,
+            program_count: 41,
             tcp_offset: Some(numbers(&tool)),
             payload: Some(1.5),
             payload_cog: Some([0.0, 0.0, 0.1]),
         },
+        is_counting: true,
         kinematics: Kinematics {
             checksum: [0; 6],
             theta: column(|dh| dh.theta),
@@ -81,7 +83,7 @@ fn a_sound_robot_is_found_sound() {
 #[test]
 fn everything_that_is_wrong_is_found_with_its_class_and_an_action() {
     type Change = fn(&mut Cell, &mut View);
-    let table: [(&str, Exit, &str, Change); 22] = [
+    let table: [(&str, Exit, &str, Change); 23] = [
         ("robot model", Exit::Input, "expected ur10e, found UR5", |_, view| {
             view.standing.model = Some("UR5".to_owned())
         }),
@@ -114,6 +116,8 @@ fn everything_that_is_wrong_is_found_with_its_class_and_an_action() {
         ("program", Exit::Link, "close-popup", |_, view| view.state.runtime_state = 4),
         ("program", Exit::Link, "register_offset", |_, view| view.state.program_state = 0),
         ("program", Exit::Link, "screed robot stop", |_, view| view.state.program_state = 77),
+        // The register of a program that has ended, while another one plays.
+        ("program", Exit::Link, "screed robot stop", |_, view| view.is_counting = false),
     ];
     for (what, exit, text, change) in table {
         let (mut cell, mut view) = sound();

@@ -13,6 +13,8 @@ use std::time::{Duration, Instant};
 
 /// How long a state may take to come.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// By then (s, the controller's time) Screed's program has counted on: it counts every cycle, of 8 ms at most.
+const COUNTED_AFTER: f64 = 0.2;
 
 /// States a second that are looked at; with protocol 1 the controller sends as many as it does.
 const RATE_HZ: u32 = 25;
@@ -26,6 +28,8 @@ pub struct View {
     pub controller: ControllerVersion,
     /// Position, program, tool and payload.
     pub state: State,
+    /// Whether the program register is counted on: one of Screed's plays.
+    pub is_counting: bool,
     /// Its table.
     pub kinematics: Kinematics,
 }
@@ -57,8 +61,15 @@ pub fn view(place: &Place, register_offset: u8) -> Result<View, ControllerError>
     let standing = standing(&mut DashboardLine::connect(place)?)?;
     let kinematics = kinematics(place)?;
     let mut look = LookLine::connect(place, register_offset)?;
-    let (state, controller) = look.next()?;
-    Ok(View { standing, controller, state, kinematics })
+    let (first, controller) = look.next()?;
+    let until = Instant::now() + PATIENCE;
+    loop {
+        let (state, _) = look.next()?;
+        let is_counting = state.program_count != first.program_count;
+        if is_counting || state.timestamp - first.timestamp > COUNTED_AFTER || Instant::now() > until {
+            return Ok(View { standing, controller, state, is_counting, kinematics });
+        }
+    }
 }
 
 /// Asks the dashboard for everything it has to tell.
