@@ -7,7 +7,7 @@ pub use mishaps::{Cut, Stalled};
 
 use crate::config::{Cell, Pacing};
 use crate::failure::{Exit, Failure};
-use crate::link::rtde::LinkError;
+use crate::link::LinkError;
 use crate::run::core::{Core, CoreError, Slot};
 use crate::run::grid::Grid;
 use crate::run::job::Outcome;

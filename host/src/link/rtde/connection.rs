@@ -188,6 +188,11 @@ impl Connection {
         &self.session.agreed
     }
 
+    /// States a second that are asked for.
+    pub const fn rate_hz(&self) -> u32 {
+        self.session.rate_hz
+    }
+
     /// What is asked for.
     pub const fn recipes(&self) -> &Recipes {
         &self.session.recipes

@@ -2,7 +2,7 @@
 //! kernel is kept from moving anything, and everything is agreed anew.
 
 use super::{Core, Depth, ToHost, shorten};
-use crate::link::rtde::LinkError;
+use crate::link::{LinkError, Trouble};
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::NOTE_MAX;
 use screed_kernel::mode::Mode;
@@ -116,7 +116,7 @@ impl Core {
             self.host.alarm(false, &text);
         } else if !self.link.has_run {
             self.host.alarm(true, &text);
-        } else if matches!(error, LinkError::InUse { .. }) {
+        } else if error.trouble() == Trouble::Held {
             let more = "or the robot still holds the connection that failed: it is tried again every second";
             self.link.tell(&mut self.host, &format_args!("{text}; {more}"));
         } else {
