@@ -3,6 +3,7 @@
 use super::program::{Program, ProgramError, WatchdogAction};
 use super::wire::PackageKind;
 use super::*;
+use crate::link;
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::units::JointVel;
 
@@ -216,9 +217,6 @@ fn impossible_values_are_named() {
     cases.push(("timestamp", 0, RobotState { timestamp: -1.0, ..good }));
     cases.push(("timestamp step", 0, RobotState { timestamp: state(0).timestamp, ..good }));
     cases.push(("timestamp step", 0, RobotState { timestamp: state(0).timestamp + 11.0, ..good }));
-    cases.push(("runtime_state", 0, RobotState { runtime_state: 6, ..good }));
-    cases.push(("robot_mode", 0, RobotState { robot_mode: -2, ..good }));
-    cases.push(("safety_status_bits", 0, RobotState { safety_status_bits: 1 << 12, ..good }));
     let mut jumped = good;
     jumped.actual_q.0[1] += 0.01;
     cases.push(("actual_q step", 1, jumped));
@@ -237,6 +235,33 @@ fn impossible_values_are_named() {
     client.handle_bytes(Nanos(0), &data(&state(0))).expect("sound");
     jumped.timestamp += 0.05;
     client.handle_bytes(Nanos(0), &data(&jumped)).expect("possible");
+}
+
+#[test]
+fn states_of_newer_software_are_no_error_and_no_readiness() {
+    let good = state(1);
+    let newer = [
+        RobotState { runtime_state: 6, ..good },
+        RobotState { robot_mode: 9, ..good },
+        RobotState { robot_mode: -2, ..good },
+        RobotState { safety_status_bits: 1 | 1 << 12, ..good },
+        RobotState { safety_status_bits: 1 << 31, ..good },
+    ];
+    for newer in newer {
+        let mut client = running();
+        client.handle_bytes(Nanos(0), &data(&state(0))).expect("sound");
+        client.handle_bytes(Nanos(0), &data(&newer)).expect("possible");
+        let told = client.poll_told();
+        let Some(link::Event::Telegram { telegram, skipped: 1 }) = told else { panic!("{told:?}") };
+        let why = telegram.not_ready.expect("nobody knows what it means");
+        assert!(why.to_string().contains("does not know"), "{why}");
+        client.handle_bytes(Nanos(0), &data(&state(2))).expect("sound");
+        let told = client.poll_told();
+        assert!(
+            matches!(told, Some(link::Event::Telegram { telegram, .. }) if telegram.not_ready.is_none()),
+            "{told:?}"
+        );
+    }
 }
 
 const OLD: ControllerVersion = ControllerVersion { major: 3, minor: 15, bugfix: 0, build: 1 };
