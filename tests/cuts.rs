@@ -371,8 +371,8 @@ fn a_link_that_never_ran_is_not_made_anew() {
     let cell = cell();
     let mut world = world(&cell, program(&cell).unwrap());
     world.cut(Cut::Silence);
-    let error = (0..100).find_map(|_| world.step_machines().err()).unwrap();
-    assert!(error.to_string().contains("nothing from the robot for 100 ms while agreeing on the protocol"), "{error}");
+    let error = (0..510).find_map(|_| world.step_machines().err()).unwrap();
+    assert!(error.to_string().contains("nothing from the robot for 1000 ms while agreeing on the protocol"), "{error}");
     assert!(!world.core().may_reconnect());
     let mut host = Host::default();
     host.listen(&mut world);

@@ -163,8 +163,8 @@ impl RtdeClient {
     }
 
     /// A client for a fresh connection: its first request waits in [`Self::poll_transmit`]. `arm` gives the limits of what a
-    /// received value can be; `rate_hz` is 125 or 500; `register_offset` is 0 or 24; an answer, and in operation a state, has
-    /// to come within `timeout_ns`.
+    /// received value can be; `rate_hz` is 125 or 500; `register_offset` is 0 or 24; a state has to come within `timeout_ns`, an
+    /// answer of the negotiation within that or a second.
     ///
     /// # Errors
     /// [`LinkError::BadRate`], [`LinkError::BadOffset`].

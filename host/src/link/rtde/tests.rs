@@ -181,7 +181,8 @@ fn silence_and_half_a_package_are_told_apart() {
 }
 
 #[test]
-fn a_robot_that_does_not_answer_is_noticed_in_every_phase() {
+fn a_robot_that_does_not_answer_is_noticed_in_every_phase_after_a_second_and_in_operation_after_the_time_out() {
+    const ANSWER_NS: u64 = 1_000_000_000;
     for answered in 0..5 {
         let mut client = client();
         assert_eq!(client.poll_timeout(), None);
@@ -191,11 +192,21 @@ fn a_robot_that_does_not_answer_is_noticed_in_every_phase() {
         }
         let mut out = [0; 1024];
         assert!(client.poll_transmit(Nanos(7), &mut out) > 0);
-        assert_eq!(client.poll_timeout(), Some(Nanos(7 + TIMEOUT_NS)));
+        assert_eq!(client.poll_timeout(), Some(Nanos(7 + ANSWER_NS)));
+        assert_eq!(client.handle_timeout(Nanos(7 + ANSWER_NS - 1)), Ok(()));
         let phase = client.phase();
-        let error = client.handle_timeout(Nanos(7 + TIMEOUT_NS));
-        assert_eq!(error, Err(LinkError::Silent { waited_ns: TIMEOUT_NS, phase }));
+        let error = client.handle_timeout(Nanos(7 + ANSWER_NS));
+        assert_eq!(error, Err(LinkError::Silent { waited_ns: ANSWER_NS, phase }));
     }
+    // From the answer to the start on, states have to come.
+    let mut client = running();
+    assert_eq!(client.poll_timeout(), Some(Nanos(TIMEOUT_NS)));
+    let silent = LinkError::Silent { waited_ns: TIMEOUT_NS, phase: Phase::Running };
+    assert_eq!(client.handle_timeout(Nanos(TIMEOUT_NS)), Err(silent));
+    // Whoever allows for longer silences does so for answers too.
+    let mut patient = RtdeClient::new(&UR10E, 500, 0, 3 * ANSWER_NS).expect("legal");
+    assert!(!transmitted(&mut patient).is_empty());
+    assert_eq!(patient.poll_timeout(), Some(Nanos(3 * ANSWER_NS)));
 }
 
 #[test]
