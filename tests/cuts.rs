@@ -6,6 +6,7 @@ mod common;
 use common::{Random, program_with};
 use screed::config::Cell;
 use screed::link::rtde::program::WatchdogAction;
+use screed::link::rtde::wire::Protocol;
 use screed::model::fim::{self, FimModel};
 use screed::plan::Options as PlanOptions;
 use screed::run::demo::program;
@@ -14,6 +15,7 @@ use screed::run::memory::Counting;
 use screed::run::session::{Session, SessionError, Step, Wishes};
 use screed::run::virtual_time::{Cut, VirtualError, World};
 use screed::sim::extruder::{Extruder, TIME_CONSTANT};
+use screed::sim::ur::robot::Generation;
 use screed::sim::ur::{Controller, Options, RuntimeState};
 use screed_fixtures::{QuarterCircle, quarter_circle};
 use screed_kernel::fault::Fault;
@@ -282,6 +284,51 @@ fn hold_until_re_armed(world: &mut World, host: &mut Host, cell: &Cell, kind: Cu
     host.say(world, &ToKernel::Resume { epoch: world.core().status().epoch });
     still(&run(world, host, 100), what);
     assert!(refused(host, Refusal::Mode), "{what}: there is no ring to resume");
+}
+
+#[test]
+fn another_controller_where_the_robot_was_is_told_once_and_tried_again_and_nothing_moves() {
+    let cell = cell();
+    let mut worlds = printed(&cell, program(&cell).unwrap(), &mut [2500]);
+    let (world, mut host) = (&mut worlds[0], Host::default());
+    world.to_host();
+    cut(world, &mut host, Cut::ControllerGone, 400);
+    let rest = world.controller().last_cycle().actual_q;
+    let controller = |generation| {
+        let options = Options { start_q: rest, generation, ..Options::of(&cell, program(&cell).unwrap()) };
+        Controller::new(&cell.robot.arm, options).unwrap()
+    };
+    let mut updated = controller(Generation::ESeries);
+    updated.limit_protocol(Protocol::One);
+    let others = [
+        (controller(Generation::Cb3), "(software 3.15.8.1) serves at most 125 Hz"),
+        (updated, "its protocol 1 cannot be asked for a rate"),
+    ];
+    for (other, why) in others {
+        world.restart_controller(other);
+        let before = host.alarms().count();
+        for attempt in 0..3 {
+            world.reconnect();
+            if attempt > 0 {
+                world.drop_old_connections();
+            }
+            let rows: Vec<_> = (0..150).map(|_| step(world, &mut host)).collect();
+            assert!(
+                world.core().is_disconnected() && rows.iter().all(|row| row.packages == 0 && row.q == rest),
+                "{why}"
+            );
+        }
+        let told: Vec<_> = host.alarms().skip(before).map(|(_, text)| text).collect();
+        let [told] = told[..] else { panic!("{told:?}") };
+        assert!(told.starts_with("not the robot that was there") && told.contains("another controller"), "{told}");
+        assert!(told.contains("nothing moves") && told.contains("tried again") && told.contains(why), "{told}");
+    }
+    // The right one is back.
+    world.restart_controller(controller(Generation::ESeries));
+    world.reconnect();
+    let rows: Vec<_> = (0..150).map(|_| step(world, &mut host)).collect();
+    assert!(!world.core().is_disconnected() && rows.iter().all(|row| row.packages == 0 && row.q == rest));
+    assert_eq!(world.core().status().mode, ModeCode::Faulted);
 }
 
 #[test]
