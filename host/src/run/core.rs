@@ -271,12 +271,13 @@ impl Core {
         self.check_extruder(result);
     }
 
-    /// A pose of the tracker, for the next cycle; of more than [`POSES_MAX`] the oldest are left out, as the estimator would.
-    pub fn on_tracker(&mut self, pose: TrackerPose) {
-        if self.poses.is_full() {
-            self.poses.remove(0);
-        }
+    /// A pose of the tracker, for the next cycle. Where there are [`POSES_MAX`] already, gives the oldest, which is left out, as the
+    /// estimator would.
+    #[must_use = "a pose that is left out is to be told"]
+    pub fn on_tracker(&mut self, pose: TrackerPose) -> Option<TrackerPose> {
+        let oldest = self.poses.is_full().then(|| self.poses.remove(0));
         let _ = self.poses.push(pose);
+        oldest
     }
 
     /// Bytes for the robot; call until it gives 0.

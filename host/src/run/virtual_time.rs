@@ -128,9 +128,10 @@ impl World {
         }
     }
 
-    /// A pose of the tracker reaches the process before the robot's next telegram.
-    pub fn on_tracker(&mut self, pose: TrackerPose) {
-        self.core.on_tracker(pose);
+    /// A pose of the tracker reaches the process before the robot's next telegram; gives one that is left out for it.
+    #[must_use = "a pose that is left out is to be told"]
+    pub fn on_tracker(&mut self, pose: TrackerPose) -> Option<TrackerPose> {
+        self.core.on_tracker(pose)
     }
 
     /// Virtual time.
