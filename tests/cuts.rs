@@ -6,6 +6,7 @@ mod common;
 use common::{Random, program_with};
 use screed::config::Cell;
 use screed::link::rtde::program::WatchdogAction;
+use screed::link::rtde::wire::Protocol;
 use screed::model::fim::{self, FimModel};
 use screed::plan::Options as PlanOptions;
 use screed::run::demo::program;
@@ -14,6 +15,7 @@ use screed::run::memory::Counting;
 use screed::run::session::{Session, SessionError, Step, Wishes};
 use screed::run::virtual_time::{Cut, VirtualError, World};
 use screed::sim::extruder::{Extruder, TIME_CONSTANT};
+use screed::sim::ur::robot::Generation;
 use screed::sim::ur::{Controller, Options, RuntimeState};
 use screed_fixtures::{QuarterCircle, quarter_circle};
 use screed_kernel::fault::Fault;
@@ -285,6 +287,51 @@ fn hold_until_re_armed(world: &mut World, host: &mut Host, cell: &Cell, kind: Cu
 }
 
 #[test]
+fn another_controller_where_the_robot_was_is_told_once_and_tried_again_and_nothing_moves() {
+    let cell = cell();
+    let mut worlds = printed(&cell, program(&cell).unwrap(), &mut [2500]);
+    let (world, mut host) = (&mut worlds[0], Host::default());
+    world.to_host();
+    cut(world, &mut host, Cut::ControllerGone, 400);
+    let rest = world.controller().last_cycle().actual_q;
+    let controller = |generation| {
+        let options = Options { start_q: rest, generation, ..Options::of(&cell, program(&cell).unwrap()) };
+        Controller::new(&cell.robot.arm, options).unwrap()
+    };
+    let mut updated = controller(Generation::ESeries);
+    updated.limit_protocol(Protocol::One);
+    let others = [
+        (controller(Generation::Cb3), "(software 3.15.8.1) serves at most 125 Hz"),
+        (updated, "its protocol 1 cannot be asked for a rate"),
+    ];
+    for (other, why) in others {
+        world.restart_controller(other);
+        let before = host.alarms().count();
+        for attempt in 0..3 {
+            world.reconnect();
+            if attempt > 0 {
+                world.drop_old_connections();
+            }
+            let rows: Vec<_> = (0..150).map(|_| step(world, &mut host)).collect();
+            assert!(
+                world.core().is_disconnected() && rows.iter().all(|row| row.packages == 0 && row.q == rest),
+                "{why}"
+            );
+        }
+        let told: Vec<_> = host.alarms().skip(before).map(|(_, text)| text).collect();
+        let [told] = told[..] else { panic!("{told:?}") };
+        assert!(told.starts_with("not the robot that was there") && told.contains("another controller"), "{told}");
+        assert!(told.contains("nothing moves") && told.contains("tried again") && told.contains(why), "{told}");
+    }
+    // The right one is back.
+    world.restart_controller(controller(Generation::ESeries));
+    world.reconnect();
+    let rows: Vec<_> = (0..150).map(|_| step(world, &mut host)).collect();
+    assert!(!world.core().is_disconnected() && rows.iter().all(|row| row.packages == 0 && row.q == rest));
+    assert_eq!(world.core().status().mode, ModeCode::Faulted);
+}
+
+#[test]
 fn a_robot_whose_watchdog_does_nothing_or_comes_late_is_found_out() {
     let cell = cell();
     let ignoring = program_with(&cell, WatchdogAction::Ignore, cell.link.watchdog);
@@ -371,8 +418,8 @@ fn a_link_that_never_ran_is_not_made_anew() {
     let cell = cell();
     let mut world = world(&cell, program(&cell).unwrap());
     world.cut(Cut::Silence);
-    let error = (0..100).find_map(|_| world.step_machines().err()).unwrap();
-    assert!(error.to_string().contains("nothing from the robot for 100 ms while agreeing on the protocol"), "{error}");
+    let error = (0..510).find_map(|_| world.step_machines().err()).unwrap();
+    assert!(error.to_string().contains("nothing from the robot for 1000 ms while agreeing on the protocol"), "{error}");
     assert!(!world.core().may_reconnect());
     let mut host = Host::default();
     host.listen(&mut world);

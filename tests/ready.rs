@@ -1,5 +1,5 @@
 //! What keeps the robot from taking setpoints is told with cause and action, and a setpoint that it could not follow is not sent: in
-//! virtual time, with the simulated controller. States that it cannot be brought to are in `host/src/run/core/readiness.rs`.
+//! virtual time, with the simulated controller. States that it cannot be brought to are in `host/src/link/rtde/ready.rs`.
 
 mod common;
 
@@ -73,10 +73,18 @@ fn the_first_setpoint_on_the_wire_is_where_the_joints_are_at_both_rates_and_offs
 fn what_stops_the_robot_in_a_print_is_told_at_once_and_then_the_fault() {
     type Disturb = fn(&mut Controller);
     let found: [(Disturb, &str, &str); 4] = [
-        (|robot| robot.press_emergency_stop(), "the robot's emergency stop is pressed", "release the button"),
-        (|robot| robot.power_off(), "the robot has no power", "switch it on and release its brakes"),
-        (|robot| robot.stop(), "no program is playing on the robot", "start Screed's at the teach pendant"),
-        (|robot| robot.pause().unwrap(), "the robot's program is paused", "close what is shown there, play it"),
+        (
+            |robot| robot.press_emergency_stop(),
+            "the robot's emergency stop is pressed",
+            "screed robot power-on and screed robot brake-release",
+        ),
+        (|robot| robot.power_off(), "the robot has no power", "screed robot power-on, then screed robot brake-release"),
+        (|robot| robot.stop(), "no program is playing on the robot", "screed robot play --upload"),
+        (
+            |robot| robot.pause().unwrap(),
+            "setpoints did come: a popup waits on the teach pendant",
+            "screed robot close-popup",
+        ),
     ];
     let (cell, model) = (Cell::demo(500).unwrap(), model());
     for (disturb, cause, action) in found {

@@ -18,7 +18,7 @@ use screed::run::virtual_time::World;
 use screed::sim::extruder::{Extruder, TIME_CONSTANT};
 use screed::sim::ur::{Controller, Options};
 use screed_fixtures::{QuarterCircle, quarter_circle};
-use screed_kernel::estimator::TrackerPose;
+use screed_kernel::estimator::{POSES_MAX, TrackerPose};
 use screed_kernel::frame::ModeCode;
 use screed_kernel::pose::Pose;
 use screed_kernel::units::{JointPos, Nanos};
@@ -128,12 +128,13 @@ fn play(
                 rotation: spoilt.rotation * target.rotation,
                 translation: target.translation + spoilt.translation,
             };
-            world.on_tracker(TrackerPose {
+            let left_out = world.on_tracker(TrackerPose {
                 at: world.now(),
                 tracker_from_target,
                 position_deviation: PLACE,
                 rotation_deviation: TURN,
             });
+            assert_eq!(left_out, None);
         }
     }
 }
@@ -229,4 +230,20 @@ fn a_tracker_that_is_lost_for_too_long_is_k13() {
     let printed = print(&impatient, 40.0, |since| (Pose::from_translation(0.002, 0.0, 0.0), since < 5.0));
     assert!(printed.told.iter().any(|alarm| alarm.contains("the path waits for the tracker")), "{:?}", printed.told);
     assert_fault(&printed, "K13", "3.00 s allowed", "clear the beam");
+}
+
+#[test]
+fn a_pose_for_which_there_is_no_room_pushes_out_the_oldest_and_that_is_given_back() {
+    let cell = cell("tracker.toml", &[]);
+    let controller = Controller::new(&cell.robot.arm, Options::of(&cell, program(&cell).unwrap())).unwrap();
+    let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT).unwrap();
+    let mut world = World::tracked(&cell, controller, extruder).unwrap();
+    let pose = |number: usize| TrackerPose {
+        at: Nanos(number as u64),
+        tracker_from_target: Pose::from_rotation_vector([0.0; 3].into(), [0.0; 3].into()),
+        position_deviation: PLACE,
+        rotation_deviation: TURN,
+    };
+    let left_out: Vec<_> = (0..POSES_MAX + 2).filter_map(|number| world.on_tracker(pose(number))).collect();
+    assert_eq!(left_out, [pose(0), pose(1)]);
 }

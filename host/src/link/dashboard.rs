@@ -4,6 +4,7 @@
 //! 29999", and as other people's clients read them (Universal_Robots_Client_Library, `dashboard_client_implementation_g5.cpp`).
 //! An answer that is not one of those is an error with its text, never a guess.
 
+pub mod remedy;
 #[cfg(test)]
 mod tests;
 

@@ -9,7 +9,6 @@
 //! that is possible passes. After any error the client stays failed: a stream that lost its package borders is never read on.
 
 mod connection;
-pub mod cycles;
 pub mod error;
 pub mod fields;
 pub mod file;
@@ -18,7 +17,7 @@ pub mod look;
 mod plausible;
 pub mod program;
 pub mod reader;
-pub mod ready;
+mod ready;
 pub mod recipe;
 #[cfg(test)]
 mod tests;
@@ -28,15 +27,17 @@ pub use error::LinkError;
 pub use recipe::RobotState;
 pub use wire::{TextLevel, TextMessage};
 
+use crate::config::Cell;
+use crate::link::cycles::CycleCount;
 use connection::{Connection, Session};
-use cycles::CycleCount;
 use error::Explained;
 use file::RecipeFile;
 use limits::StepLimit;
 use plausible::Plausibility;
+use ready::Fed;
 use recipe::{Field, INPUT_PACKAGE_SIZE, Recipes, Value};
 use screed_kernel::arm::Arm;
-use screed_kernel::units::{JointPos, JointVel, Nanos};
+use screed_kernel::units::{JointPos, Nanos};
 use std::fmt;
 
 /// What the client is doing.
@@ -137,6 +138,7 @@ struct Robot {
     plausibility: Plausibility,
     step_limit: StepLimit,
     cycles: CycleCount,
+    fed: Fed,
     pace: Pace,
     announced: bool,
     state: Option<RobotState>,
@@ -146,9 +148,23 @@ struct Robot {
 }
 
 impl RtdeClient {
+    /// As a cell has it.
+    ///
+    /// # Errors
+    /// As [`Self::beside`].
+    pub fn of(cell: &Cell) -> Result<Self, LinkError> {
+        let (link, arm) = (&cell.link, &cell.robot.arm);
+        let timeout_ns = (link.timeout * 1e9) as u64;
+        let mut client = Self::beside(link.recipes.as_ref(), arm, link.rate_hz, link.register_offset, timeout_ns)?;
+        if arm.velocity_max.known().is_none() {
+            client.robot.step_limit.set_speeds(cell.robot.joint_velocity_max);
+        }
+        Ok(client)
+    }
+
     /// A client for a fresh connection: its first request waits in [`Self::poll_transmit`]. `arm` gives the limits of what a
-    /// received value can be; `rate_hz` is 125 or 500; `register_offset` is 0 or 24; an answer, and in operation a state, has
-    /// to come within `timeout_ns`.
+    /// received value can be; `rate_hz` is 125 or 500; `register_offset` is 0 or 24; a state has to come within `timeout_ns`, an
+    /// answer of the negotiation within that or a second.
     ///
     /// # Errors
     /// [`LinkError::BadRate`], [`LinkError::BadOffset`].
@@ -180,6 +196,7 @@ impl RtdeClient {
             plausibility: Plausibility::new(arm),
             step_limit: StepLimit::new(arm.velocity_max.known(), rate_hz),
             cycles: CycleCount::new(rate_hz),
+            fed: Fed::new(rate_hz),
             pace: Pace::default(),
             announced: false,
             state: None,
@@ -189,11 +206,6 @@ impl RtdeClient {
         Ok(Self { connection, arm: *arm, robot })
     }
 
-    /// Speeds of an arm whose data sheet gives none (rad/s): by them steps are judged before they are sent.
-    pub const fn set_speeds(&mut self, velocity_max: JointVel<6>) {
-        self.robot.step_limit.set_speeds(velocity_max);
-    }
-
     /// For a fresh connection: everything is agreed anew, and nothing is known of the robot. Only the account of its cycles goes on.
     pub fn restart(&mut self) {
         self.connection.restart();
@@ -201,6 +213,7 @@ impl RtdeClient {
         robot.plausibility = Plausibility::new(&self.arm);
         robot.step_limit.restart();
         robot.cycles.restart();
+        robot.fed = Fed::new(self.connection.rate_hz());
         (robot.pace, robot.announced) = (Pace::default(), false);
         (robot.state, robot.skipped) = (None, 0);
         robot.extra.fill(0);
@@ -316,6 +329,7 @@ impl Robot {
         let (state, extra) = RobotState::decode(values).ok_or(malformed)?;
         self.plausibility.check(&state)?;
         self.cycles.state(state.timestamp, state.arrived as u32);
+        self.fed.state(&state);
         match session.agreed.phase {
             Phase::Measuring if self.pace.is_found(session.rate_hz, state.timestamp)? => {
                 session.agreed.phase = Phase::Running;

@@ -8,10 +8,9 @@ mod to_host;
 
 use crate::config::kernel::{CellLoopError, DEPTH};
 use crate::config::{Cell, Pacing};
-use crate::link::Telegram;
+use crate::link::cycles::Counts;
 use crate::link::extruder::{ExtruderError, ExtruderLine};
-use crate::link::rtde::cycles::Counts;
-use crate::link::rtde::{Event, LinkError, RtdeClient, TextLevel};
+use crate::link::{Event, LinkError, RobotLink, Telegram};
 use crate::run::memory::Memory;
 use crate::run::overruns::Overruns;
 use depth::Depth;
@@ -22,7 +21,6 @@ use screed_kernel::control::Report;
 use screed_kernel::estimator::{POSES_MAX, Robot, TrackerPose};
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::{self, CycleRecord, Cycles, FromKernel, NOTE_MAX, Pace, Status};
-use screed_kernel::guard::Quantity;
 use screed_kernel::tick::{Command, Kernel, Sensors, TRANSMIT_MAX};
 use screed_kernel::units::Nanos;
 use to_host::{ToHost, shorten};
@@ -82,7 +80,7 @@ pub struct Core {
     poses: heapless::Vec<TrackerPose, POSES_MAX>,
     /// What was commanded last, and what the loop says of it.
     command: Option<(Command<6>, Report)>,
-    robot: RtdeClient,
+    robot: RobotLink,
     link: Link,
     extruder: ExtruderLine,
     host: ToHost,
@@ -131,22 +129,12 @@ impl Core {
     /// [`CoreError`] when the cell's link, extruder line or loop cannot be.
     pub fn tracked(cell: &Cell, realtime: bool, note: &str) -> Result<Self, CoreError> {
         let timeout_ns = (cell.link.timeout * 1e9) as u64;
-        let mut robot = RtdeClient::beside(
-            cell.link.recipes.as_ref(),
-            &cell.robot.arm,
-            cell.link.rate_hz,
-            cell.link.register_offset,
-            timeout_ns,
-        )?;
-        if cell.robot.arm.velocity_max.known().is_none() {
-            robot.set_speeds(cell.robot.joint_velocity_max);
-        }
         Ok(Self {
             kernel: Box::new(Kernel::new(&cell.robot.arm)),
             lead: cell.closed_loop().map_err(CoreError::Lead)?.map(Box::new),
             poses: heapless::Vec::new(),
             command: None,
-            robot,
+            robot: RobotLink::new(cell)?,
             link: Link::default(),
             extruder: ExtruderLine::new(cell.extruder.flow_max, timeout_ns)?,
             host: ToHost::new(),
@@ -182,20 +170,16 @@ impl Core {
         let result = self.robot.handle_bytes(now, bytes);
         while let Some(event) = self.robot.poll_event() {
             match event {
-                Event::Running { .. } => self.link_is_up(now),
-                Event::State { state, skipped } if result.is_ok() => {
+                Event::Running => self.link_is_up(now),
+                Event::Telegram { telegram, skipped } if result.is_ok() => {
                     // By the timer's clock nothing is missed here; and before the first cycle nothing is.
                     if self.pacing == Pacing::Robot && self.command.is_some() {
                         self.missed += skipped + u32::from(self.fresh);
                     }
-                    (self.heard, self.fresh) = (Some(state.telegram()), true);
+                    (self.heard, self.fresh) = (Some(telegram), true);
                 }
-                Event::State { .. } => {}
-                Event::Text { text, .. } => {
-                    if matches!(text.level, TextLevel::Exception | TextLevel::Error) {
-                        self.host.alarm(false, &format_args!("the controller says: {}", text.message));
-                    }
-                }
+                Event::Telegram { .. } => {}
+                Event::Text(text) => self.host.alarm(false, &format_args!("the controller says: {text}")),
             }
         }
         self.check(now, result)
@@ -287,12 +271,13 @@ impl Core {
         self.check_extruder(result);
     }
 
-    /// A pose of the tracker, for the next cycle; of more than [`POSES_MAX`] the oldest are left out, as the estimator would.
-    pub fn on_tracker(&mut self, pose: TrackerPose) {
-        if self.poses.is_full() {
-            self.poses.remove(0);
-        }
+    /// A pose of the tracker, for the next cycle. Where there are [`POSES_MAX`] already, gives the oldest, which is left out, as the
+    /// estimator would.
+    #[must_use = "a pose that is left out is to be told"]
+    pub fn on_tracker(&mut self, pose: TrackerPose) -> Option<TrackerPose> {
+        let oldest = self.poses.is_full().then(|| self.poses.remove(0));
         let _ = self.poses.push(pose);
+        oldest
     }
 
     /// Bytes for the robot; call until it gives 0.
@@ -480,16 +465,9 @@ impl Core {
             self.package = package;
             return Ok(());
         };
-        let (quantity, joint, value, limit) = match error {
-            LinkError::StepTooLarge { joint, step, limit, within } => {
-                (Quantity::Velocity, joint, step / within, limit / within)
-            }
-            // The kernel keeps the range of the arm itself: what is left is that all are exactly zero.
-            LinkError::ImpossibleSetpoint { joint, value } => (Quantity::Position, joint, value, 0.0),
-            error => return Err(error),
-        };
+        let Some(fault) = error.refused() else { return Err(error) };
         self.host.alarm(false, &error);
-        self.lose_robot(Fault::Output { quantity, joint, value, limit });
+        self.lose_robot(fault);
         (command.joints, command.flow) = (None, 0.0);
         Ok(())
     }

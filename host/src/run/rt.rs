@@ -5,7 +5,7 @@
 
 use crate::config::{self, Cell, ConfigError, Pacing};
 use crate::failure::{Exit, Failure};
-use crate::link::rtde::LinkError;
+use crate::link::LinkError;
 use crate::run::core::{Core, CoreError, Slot, Usage};
 use crate::run::dial::{Dial, Dialled};
 use crate::run::grid::Grid;

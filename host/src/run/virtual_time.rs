@@ -7,7 +7,7 @@ pub use mishaps::{Cut, Stalled};
 
 use crate::config::{Cell, Pacing};
 use crate::failure::{Exit, Failure};
-use crate::link::rtde::LinkError;
+use crate::link::LinkError;
 use crate::run::core::{Core, CoreError, Slot};
 use crate::run::grid::Grid;
 use crate::run::job::Outcome;
@@ -128,9 +128,10 @@ impl World {
         }
     }
 
-    /// A pose of the tracker reaches the process before the robot's next telegram.
-    pub fn on_tracker(&mut self, pose: TrackerPose) {
-        self.core.on_tracker(pose);
+    /// A pose of the tracker reaches the process before the robot's next telegram; gives one that is left out for it.
+    #[must_use = "a pose that is left out is to be told"]
+    pub fn on_tracker(&mut self, pose: TrackerPose) -> Option<TrackerPose> {
+        self.core.on_tracker(pose)
     }
 
     /// Virtual time.

@@ -60,7 +60,7 @@ pub struct Exchange {
 /// In a frame of its own, that a profiler finds by name.
 pub mod measured {
     use super::{Core, Exchange, Nanos, Slot};
-    use crate::link::rtde::LinkError;
+    use crate::link::LinkError;
 
     /// One cycle, between the bytes that came and those that go. Returns how many of the host's were taken.
     ///

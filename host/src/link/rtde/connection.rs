@@ -19,6 +19,11 @@ const TEXTS_MAX: usize = 4;
 /// The first controller generation with a 500 Hz cycle, e-Series.
 const MAJOR_500_HZ: u32 = 5;
 
+/// How long an answer may take while a connection is agreed on (ns), where a state may not take longer. Then nothing moves by it, and
+/// a controller looks up hundreds of names beside its own cycle: one of 100 ms would be refused for no reason, one of seconds would
+/// keep a person waiting who has the address wrong.
+const ANSWER_NS: u64 = 1_000_000_000;
+
 /// The bytes of a connection, and what they have agreed on.
 #[derive(Clone, Debug)]
 pub(super) struct Connection {
@@ -149,7 +154,7 @@ impl Connection {
 
     /// When [`Self::handle_timeout`] wants to be called.
     pub fn poll_timeout(&self) -> Option<Nanos> {
-        self.session.agreed.waiting_since.map(|since| since.plus(self.session.timeout_ns))
+        self.session.agreed.waiting_since.map(|since| since.plus(self.session.patience_ns()))
     }
 
     /// Checks whether the controller has been silent for too long.
@@ -157,7 +162,7 @@ impl Connection {
         self.session.alive()?;
         let Some(since) = self.session.agreed.waiting_since else { return Ok(()) };
         let waited_ns = now.since(since);
-        if waited_ns < self.session.timeout_ns {
+        if waited_ns < self.session.patience_ns() {
             return Ok(());
         }
         let announced = self.inbox.header().map(|header| header.size);
@@ -188,6 +193,11 @@ impl Connection {
         &self.session.agreed
     }
 
+    /// States a second that are asked for.
+    pub const fn rate_hz(&self) -> u32 {
+        self.session.rate_hz
+    }
+
     /// What is asked for.
     pub const fn recipes(&self) -> &Recipes {
         &self.session.recipes
@@ -208,6 +218,14 @@ impl Session {
     /// The error of a failed connection.
     pub fn alive(&self) -> Result<(), LinkError> {
         self.agreed.failed.map_or(Ok(()), Err)
+    }
+
+    /// How long what is awaited may take: a state, or an answer.
+    fn patience_ns(&self) -> u64 {
+        match self.agreed.phase {
+            Phase::Measuring | Phase::Running => self.timeout_ns,
+            _ => self.timeout_ns.max(ANSWER_NS),
+        }
     }
 
     /// Enters a phase and queues the request that it begins with.

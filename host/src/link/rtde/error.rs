@@ -5,6 +5,9 @@ use super::file::RecipeFile;
 use super::recipe::Field;
 use super::wire::{HEADER_LEN, PackageKind, ShortText};
 use super::{ControllerVersion, Phase};
+use crate::link::Trouble;
+use screed_kernel::fault::Fault;
+use screed_kernel::guard::Quantity;
 use std::fmt;
 
 /// Every way in which the RTDE link fails. After the first one the client stays failed: a byte stream that lost its
@@ -259,6 +262,50 @@ fn in_use(field: &Field, used: u16, of: u16) -> String {
 }
 
 impl LinkError {
+    /// What it tells of the robot.
+    pub const fn trouble(&self) -> Trouble {
+        match self {
+            Self::Silent { .. }
+            | Self::Incomplete { .. }
+            | Self::Closed { .. }
+            | Self::NotRunning { .. }
+            | Self::NoState
+            | Self::TransmitFull => Trouble::Gone,
+            Self::InUse { .. } => Trouble::Held,
+            Self::BadRate { .. }
+            | Self::BadOffset { .. }
+            | Self::RecipeTooLong { .. }
+            | Self::ProtocolRefused
+            | Self::RateTooHigh { .. }
+            | Self::OtherRate { .. }
+            | Self::FieldNotFound { .. }
+            | Self::WrongType { .. } => Trouble::Changed,
+            Self::StartRefused
+            | Self::BadSize { .. }
+            | Self::UnknownPackage { .. }
+            | Self::UnexpectedPackage { .. }
+            | Self::UnknownRecipe { .. }
+            | Self::Malformed { .. }
+            | Self::ImpossibleValue { .. }
+            | Self::ImpossibleSetpoint { .. }
+            | Self::StepTooLarge { .. } => Trouble::Senseless,
+        }
+    }
+
+    /// The fault of a setpoint that was refused; none of an error of the connection.
+    pub const fn refused(&self) -> Option<Fault> {
+        match *self {
+            Self::StepTooLarge { joint, step, limit, within } => {
+                Some(Fault::Output { quantity: Quantity::Velocity, joint, value: step / within, limit: limit / within })
+            }
+            // The kernel keeps the range of the arm itself: what is left is that all are exactly zero.
+            Self::ImpossibleSetpoint { joint, value } => {
+                Some(Fault::Output { quantity: Quantity::Position, joint, value, limit: 0.0 })
+            }
+            _ => None,
+        }
+    }
+
     /// The field that it is about.
     const fn field(&self) -> Option<&Field> {
         match self {

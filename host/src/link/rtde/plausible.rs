@@ -27,7 +27,8 @@ const UNRATED: JointVel<6> = JointVel([f64::MAX; 6]);
 
 /// Whether states are possible, alone and after the one before.
 ///
-/// RTDE has no checksum: a wrong value that is possible cannot be recognised, here or anywhere.
+/// RTDE has no checksum: a wrong value that is possible cannot be recognised, here or anywhere. States of program, robot and safety
+/// that are not known are possible, as newer software may have more of them: with those the robot takes no setpoints.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plausibility {
     position_max: [f64; 6],
@@ -62,9 +63,6 @@ impl Plausibility {
         elements("target_q", &state.target_q.0, &self.position_max)?;
         let (reach, turn) = (REACH_MAX, TURN_MAX);
         elements("actual_TCP_pose", &state.actual_tcp_pose, &[reach, reach, reach, turn, turn, turn])?;
-        scalar("runtime_state", f64::from(state.runtime_state), 0.0, 5.0)?;
-        scalar("robot_mode", f64::from(state.robot_mode), -1.0, 8.0)?;
-        scalar("safety_status_bits", f64::from(state.safety_status_bits), 0.0, 4095.0)?;
         if let Some((timestamp, actual_q)) = self.last {
             let dt = state.timestamp - timestamp;
             if dt <= 0.0 || dt > GAP_MAX {

@@ -1,143 +1,137 @@
-//! Whether a UR takes setpoints; and if not, why, and what a person does about it.
+//! Whether a UR takes setpoints; and if not, why. What a person does about it is the dashboard's table
+//! ([`remedy`](crate::link::dashboard::remedy)).
 
-use super::RobotState;
-use crate::link::Telegram;
-use std::fmt;
+use super::{Event, RobotState, TextLevel};
+use crate::link::dashboard::{RobotMode, Safety, remedy};
+use crate::link::{self, Code, NotReady, Telegram};
+use std::fmt::Write;
 
 /// Of `runtime_state`.
-const PAUSING: u32 = 3;
+const STOPPING: u32 = 0;
+const STOPPED: u32 = 1;
 const PLAYING: u32 = 2;
+const PAUSING: u32 = 3;
 const PAUSED: u32 = 4;
 const RESUMING: u32 = 5;
 
 /// Of `robot_mode`.
-const NO_CONTROLLER: i32 = -1;
-const DISCONNECTED: i32 = 0;
-const CONFIRM_SAFETY: i32 = 1;
-const BOOTING: i32 = 2;
-const POWER_OFF: i32 = 3;
-const POWER_ON: i32 = 4;
-const IDLE: i32 = 5;
-const BACKDRIVE: i32 = 6;
 const RUNNING: i32 = 7;
-const UPDATING_FIRMWARE: i32 = 8;
 
 /// Safety bits with which setpoints are taken: normal (0) or reduced (1).
-const SAFETY_MOVING: u32 = 0b11;
+const MOVING: u32 = 0b11;
 
-/// Those that name what stops it: 2 to 9, and the three-position switch (11).
-const SAFETY_STOPS: u32 = 0b1011_1111_1100;
+/// All that are known: 0 to 11.
+const KNOWN: u32 = 0xfff;
 
-/// Why the robot takes no setpoints.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NotReady {
-    /// Of its safety system, the gravest: its `safety_status_bits`.
-    Safety(u32),
-    /// Its `robot_mode`.
-    Mode(i32),
-    /// Its `runtime_state`.
-    Program(u32),
-}
-
-impl NotReady {
-    /// What keeps the robot from taking setpoints, the gravest first: none where nothing does.
-    pub fn of(state: &RobotState) -> Option<Self> {
-        let RobotState { robot_mode, safety_status_bits, runtime_state, .. } = *state;
-        let moving = safety_status_bits & SAFETY_MOVING != 0;
-        if !moving && safety_status_bits & SAFETY_STOPS != 0 {
-            Some(Self::Safety(safety_status_bits))
-        } else if robot_mode != RUNNING {
-            Some(Self::Mode(robot_mode))
-        } else if !moving {
-            Some(Self::Safety(safety_status_bits))
-        } else {
-            (runtime_state != PLAYING).then_some(Self::Program(runtime_state))
-        }
-    }
-}
-
-/// Cause and action.
-impl fmt::Display for NotReady {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::Safety(bits) => write!(f, "{} (safety status bits {bits:#x})", safety(bits)),
-            Self::Mode(mode) => write!(f, "{} (robot mode {mode}, needed {RUNNING})", self::mode(mode)),
-            Self::Program(state) => write!(f, "{} (runtime state {state}, needed {PLAYING})", program(state)),
-        }
-    }
-}
-
-/// Bits of `safety_status_bits`, the gravest that is set first: a stop sets "stopped due to safety" (10) beside its own.
-const fn safety(bits: u32) -> &'static str {
-    match bits {
-        _ if bits & 1 << 9 != 0 => {
-            "the robot's safety system reports a fault: read the code in its log, clear the cause, restart the controller"
-        }
-        _ if bits & 1 << 8 != 0 => {
-            "the robot's safety system reports a violation: read the code in its log, look where the arm stands, restart the \
-             safety system at the teach pendant"
-        }
-        _ if bits & 1 << 6 != 0 => {
-            "the robot's emergency stop is pressed, at its teach pendant or control box: look why, release the button, switch \
-             the robot on again"
-        }
-        _ if bits & 1 << 5 != 0 => {
-            "the system's emergency stop is pressed, a button of the cell: look why, release it, switch the robot on again"
-        }
-        _ if bits & 1 << 7 != 0 => {
-            "an emergency stop holds the robot: look which button is pressed and why, release it, switch the robot on again"
-        }
-        _ if bits & 1 << 11 != 0 => {
-            "the three-position switch is released or pressed through: hold it in its middle position, or leave manual mode"
-        }
-        _ if bits & 1 << 4 != 0 => {
-            "a safeguard stop holds the robot: somebody is in the cell, or a gate or light curtain is open; clear it and reset it"
-        }
-        _ if bits & 1 << 2 != 0 => {
-            "the robot is in a protective stop: look what it met or what its log says, wait five seconds, unlock it at the \
-             teach pendant"
-        }
-        _ if bits & 1 << 3 != 0 => {
-            "the robot is in recovery mode, outside its safety limits: move it back inside by hand at the teach pendant"
-        }
-        _ => "the robot's safety system holds it: look at the teach pendant",
-    }
-}
-
-const fn mode(mode: i32) -> &'static str {
-    match mode {
-        NO_CONTROLLER => "the robot's controller is not running: restart it",
-        DISCONNECTED => {
-            "the controller has no arm: check the cable between control box and arm, restart the controller"
-        }
-        CONFIRM_SAFETY => "the robot wants its safety settings confirmed: confirm them at the teach pendant",
-        BOOTING => "the robot is starting: wait for it",
-        POWER_OFF => "the robot has no power: switch it on and release its brakes at the teach pendant",
-        POWER_ON | IDLE => "the robot's brakes are not released: release them at the teach pendant",
-        BACKDRIVE => "the robot is in backdrive, pushed by hand: end that at the teach pendant",
-        UPDATING_FIRMWARE => "the robot updates its firmware: wait, then switch it on and release its brakes",
-        _ => "the robot is not running: switch it on and release its brakes at the teach pendant",
-    }
-}
-
-const fn program(state: u32) -> &'static str {
-    match state {
-        PAUSING | PAUSED => {
-            "the robot's program is paused, by its watchdog, a popup or at the teach pendant: close what is shown there, play it"
-        }
-        RESUMING => "the robot's program is resuming: wait for it",
-        _ => "no program is playing on the robot: start Screed's at the teach pendant",
-    }
-}
+/// Those that name what stops the robot, the gravest first; "stopped due to safety" (10) comes beside each. Bit 7 alone does not say
+/// whose button it is.
+const STOPS: [(u32, Option<Safety>); 9] = [
+    (1 << 9, Some(Safety::Fault)),
+    (1 << 8, Some(Safety::Violation)),
+    (1 << 6, Some(Safety::RobotEmergencyStop)),
+    (1 << 5, Some(Safety::SystemEmergencyStop)),
+    (1 << 7, None),
+    (1 << 11, Some(Safety::EnablingStop)),
+    (1 << 4, Some(Safety::SafeguardStop)),
+    (1 << 2, Some(Safety::ProtectiveStop)),
+    (1 << 3, Some(Safety::Recovery)),
+];
 
 impl RobotState {
-    /// What every robot says.
-    pub fn telegram(&self) -> Telegram {
+    /// What every robot says. `fed` is whether setpoints arrived until the program stopped playing, if it has.
+    pub fn telegram(&self, fed: bool) -> Telegram {
         Telegram {
             time: self.timestamp,
             joints: self.actual_q,
             arrived: Some(self.arrived as u32),
-            not_ready: NotReady::of(self),
+            not_ready: self.not_ready(fed),
+        }
+    }
+
+    /// What keeps the robot from taking setpoints, the gravest first: none where nothing does. What newer software may say, and
+    /// nobody knows here, keeps it from that as well: it may be a stop, also beside the bit that all is normal.
+    fn not_ready(&self, fed: bool) -> Option<NotReady> {
+        let Self { robot_mode, safety_status_bits: bits, runtime_state, .. } = *self;
+        let because = |remedy, code| Some(NotReady { remedy, code });
+        let safety = Code::Bits("safety status bits", bits);
+        let normal = bits & MOVING != 0;
+        if let Some((_, stop)) = STOPS.iter().find(|(bit, _)| !normal && bits & bit != 0) {
+            return because(stop.and_then(Safety::remedy).unwrap_or(remedy::EMERGENCY_STOP), safety);
+        }
+        if robot_mode != RUNNING {
+            let mode = RobotMode::from_code(robot_mode).and_then(RobotMode::remedy);
+            let code = Code::Number("robot mode", robot_mode.into(), RUNNING.into());
+            return because(mode.unwrap_or(remedy::UNKNOWN_MODE), code);
+        }
+        if bits & !KNOWN != 0 {
+            return because(remedy::UNKNOWN_SAFETY, safety);
+        }
+        if !normal {
+            return because(remedy::HELD, safety);
+        }
+        let program = match runtime_state {
+            PLAYING => return None,
+            PAUSING | PAUSED if fed => remedy::POPUP,
+            PAUSING | PAUSED => remedy::PAUSED,
+            RESUMING => remedy::RESUMING,
+            STOPPING | STOPPED => remedy::NO_PROGRAM,
+            _ => remedy::UNKNOWN_PROGRAM,
+        };
+        because(program, Code::Number("runtime state", runtime_state.into(), PLAYING.into()))
+    }
+}
+
+impl super::RtdeClient {
+    /// The next thing to tell in the words of every link: texts are those of exceptions and errors.
+    pub fn poll_told(&mut self) -> Option<link::Event> {
+        loop {
+            return Some(match self.poll_event()? {
+                Event::Running { .. } => link::Event::Running,
+                Event::State { state, skipped } => {
+                    link::Event::Telegram { telegram: state.telegram(self.robot.fed.is_fed), skipped }
+                }
+                Event::Text { text, lost } if matches!(text.level, TextLevel::Exception | TextLevel::Error) => {
+                    let mut told = heapless::String::new();
+                    // There is room: the longest has 255 characters.
+                    let _ = write!(told, "{}", text.message);
+                    if lost > 0 {
+                        let _ = write!(told, " ({lost} texts before it were lost)");
+                    }
+                    link::Event::Text(told)
+                }
+                Event::Text { .. } => continue,
+            });
+        }
+    }
+}
+
+/// Whether setpoints arrived until the program stopped playing: then it was not its watchdog that stopped it, which waits for two
+/// periods at least.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fed {
+    /// A period and a half (s): the next state's time stamp is one on, that of the one after it two.
+    age_max: f64,
+    /// The newest echoed number, and the time stamp (s) with which it first came; none where it may have come long before.
+    arrived: Option<(i32, Option<f64>)>,
+    playing: bool,
+    is_fed: bool,
+}
+
+impl Fed {
+    pub(super) const fn new(rate_hz: u32) -> Self {
+        Self { age_max: 1.5 / rate_hz as f64, arrived: None, playing: false, is_fed: false }
+    }
+
+    pub(super) fn state(&mut self, state: &RobotState) {
+        let since = match self.arrived {
+            Some((number, since)) if number == state.arrived => since,
+            Some(_) => Some(state.timestamp),
+            None => None,
+        };
+        self.arrived = Some((state.arrived, since));
+        let was_playing = std::mem::replace(&mut self.playing, state.runtime_state == PLAYING);
+        if was_playing && !self.playing {
+            self.is_fed = since.is_some_and(|since| state.timestamp - since <= self.age_max);
         }
     }
 }
@@ -145,20 +139,92 @@ impl RobotState {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use screed_kernel::units::{JointPos, JointVel};
+
+    fn state(robot_mode: i32, safety_status_bits: u32, runtime_state: u32) -> RobotState {
+        RobotState {
+            timestamp: 41.0,
+            actual_q: JointPos::ZERO,
+            actual_qd: JointVel([0.0; 6]),
+            target_q: JointPos::ZERO,
+            actual_tcp_pose: [0.0; 6],
+            runtime_state,
+            robot_mode,
+            safety_status_bits,
+            program_state: 2,
+            arrived: 1,
+        }
+    }
 
     #[test]
     fn every_state_that_takes_no_setpoints_has_its_own_cause_and_action() {
         let mut texts: Vec<String> = Vec::new();
-        let bits = [9, 8, 6, 5, 7, 11, 4, 2, 3].map(|bit| NotReady::Safety(1 << bit | 1 << 10));
-        let modes = [-1, 0, 1, 2, 3, 4, 6, 8].map(NotReady::Mode);
-        let programs = [1, 4, 5].map(NotReady::Program);
-        for why in bits.into_iter().chain(modes).chain(programs).chain([NotReady::Safety(1 << 10)]) {
-            let text = why.to_string();
-            let text = text.split(" (").next().unwrap().to_owned();
-            assert!(text.contains([':', ';']) && text.len() > 30, "{text}");
-            assert!(why.to_string().len() <= screed_kernel::frame::NOTE_MAX);
-            assert!(!texts.contains(&text), "{text} stands for two");
-            texts.push(text);
+        let bits = [9, 8, 6, 5, 7, 11, 4, 2, 3].map(|bit| state(7, 1 << bit | 1 << 10, 2));
+        let modes = [-1, 0, 1, 2, 3, 4, 5, 6, 8, 9].map(|mode| state(mode, 1, 2));
+        let programs = [1, 4, 5, 6].map(|program| state(7, 1, program));
+        let others = [state(7, 1 << 10, 2), state(7, 1 | 1 << 12, 2)];
+        for state in bits.into_iter().chain(modes).chain(programs).chain(others) {
+            for fed in if state.runtime_state == 4 { &[false, true][..] } else { &[false] } {
+                let why = state.not_ready(*fed).expect("it takes none");
+                assert!(why.to_string().len() <= screed_kernel::frame::NOTE_MAX, "{why}");
+                assert!(why.remedy.cause.len() > 20 && why.remedy.action.len() > 10, "{why}");
+                assert!(!texts.contains(&why.remedy.cause.to_owned()), "{why} stands for two");
+                texts.push(why.remedy.cause.to_owned());
+            }
+        }
+        for well in [state(7, 1, 2), state(7, 2, 2)] {
+            assert_eq!(well.not_ready(false), None);
+        }
+    }
+
+    #[test]
+    fn what_newer_software_may_say_is_no_readiness_and_the_gravest_that_is_known_is_told_first() {
+        let told = |mode, bits, program| state(mode, bits, program).not_ready(false).map(|why| why.to_string());
+        for bit in 12..32 {
+            let text = told(7, 1 | 1 << bit, 2).expect("it may be a stop");
+            assert!(text.contains("does not know") && text.contains(&format!("{:#x}", 1 | 1_u32 << bit)), "{text}");
+            let text = told(7, 1 << bit | 1 << 6, 2).expect("an emergency stop");
+            assert!(text.contains("the robot's emergency stop is pressed"), "{text}");
+            let text = told(3, 1 << bit, 2).expect("no power");
+            assert!(text.contains("no power"), "{text}");
+        }
+        for mode in [i32::MIN, -2, 9, i32::MAX] {
+            let text = told(mode, 1, 2).expect("it is not running");
+            assert!(text.contains("a mode that Screed does not know") && text.contains(&format!("{mode},")), "{text}");
+        }
+        for program in [6, 7, u32::MAX] {
+            let text = told(7, 1, program).expect("it is not playing");
+            assert!(
+                text.contains("a state that Screed does not know") && text.contains(&program.to_string()),
+                "{text}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_pause_while_setpoints_come_is_none_of_the_watchdog() {
+        // Echoed numbers while it plays, then those of the first states that do not, and whether they came until then.
+        let runs: [(&[i32], [i32; 2], bool); 6] = [
+            (&[1, 2, 3, 4], [4, 4], true),
+            (&[1, 2, 3, 4], [5, 6], true),
+            // It may have been a watchdog of two periods.
+            (&[1, 2, 3, 3], [3, 3], false),
+            // What comes later says nothing of what was before.
+            (&[1, 2, 3, 3, 3, 3], [3, 4], false),
+            (&[7, 7, 7], [7, 7], false),
+            (&[], [7, 8], false),
+        ];
+        for (rate_hz, period) in [(500, 0.002), (125, 0.008)] {
+            for (playing, paused, expected) in runs {
+                let mut fed = Fed::new(rate_hz);
+                let mut time = 41.0;
+                let playing = playing.iter().map(|arrived| (2, *arrived));
+                for (program, arrived) in playing.chain([3, 4].into_iter().zip(paused)) {
+                    time += period;
+                    fed.state(&RobotState { timestamp: time, arrived, ..state(7, 1, program) });
+                }
+                assert_eq!(fed.is_fed, expected, "{paused:?} at {rate_hz} Hz");
+            }
         }
     }
 }

@@ -3,6 +3,7 @@
 use super::program::{Program, ProgramError, WatchdogAction};
 use super::wire::PackageKind;
 use super::*;
+use crate::link;
 use screed_kernel::arms::ur::UR10E;
 use screed_kernel::units::JointVel;
 
@@ -180,7 +181,8 @@ fn silence_and_half_a_package_are_told_apart() {
 }
 
 #[test]
-fn a_robot_that_does_not_answer_is_noticed_in_every_phase() {
+fn a_robot_that_does_not_answer_is_noticed_in_every_phase_after_a_second_and_in_operation_after_the_time_out() {
+    const ANSWER_NS: u64 = 1_000_000_000;
     for answered in 0..5 {
         let mut client = client();
         assert_eq!(client.poll_timeout(), None);
@@ -190,11 +192,21 @@ fn a_robot_that_does_not_answer_is_noticed_in_every_phase() {
         }
         let mut out = [0; 1024];
         assert!(client.poll_transmit(Nanos(7), &mut out) > 0);
-        assert_eq!(client.poll_timeout(), Some(Nanos(7 + TIMEOUT_NS)));
+        assert_eq!(client.poll_timeout(), Some(Nanos(7 + ANSWER_NS)));
+        assert_eq!(client.handle_timeout(Nanos(7 + ANSWER_NS - 1)), Ok(()));
         let phase = client.phase();
-        let error = client.handle_timeout(Nanos(7 + TIMEOUT_NS));
-        assert_eq!(error, Err(LinkError::Silent { waited_ns: TIMEOUT_NS, phase }));
+        let error = client.handle_timeout(Nanos(7 + ANSWER_NS));
+        assert_eq!(error, Err(LinkError::Silent { waited_ns: ANSWER_NS, phase }));
     }
+    // From the answer to the start on, states have to come.
+    let mut client = running();
+    assert_eq!(client.poll_timeout(), Some(Nanos(TIMEOUT_NS)));
+    let silent = LinkError::Silent { waited_ns: TIMEOUT_NS, phase: Phase::Running };
+    assert_eq!(client.handle_timeout(Nanos(TIMEOUT_NS)), Err(silent));
+    // Whoever allows for longer silences does so for answers too.
+    let mut patient = RtdeClient::new(&UR10E, 500, 0, 3 * ANSWER_NS).expect("legal");
+    assert!(!transmitted(&mut patient).is_empty());
+    assert_eq!(patient.poll_timeout(), Some(Nanos(3 * ANSWER_NS)));
 }
 
 #[test]
@@ -216,9 +228,6 @@ fn impossible_values_are_named() {
     cases.push(("timestamp", 0, RobotState { timestamp: -1.0, ..good }));
     cases.push(("timestamp step", 0, RobotState { timestamp: state(0).timestamp, ..good }));
     cases.push(("timestamp step", 0, RobotState { timestamp: state(0).timestamp + 11.0, ..good }));
-    cases.push(("runtime_state", 0, RobotState { runtime_state: 6, ..good }));
-    cases.push(("robot_mode", 0, RobotState { robot_mode: -2, ..good }));
-    cases.push(("safety_status_bits", 0, RobotState { safety_status_bits: 1 << 12, ..good }));
     let mut jumped = good;
     jumped.actual_q.0[1] += 0.01;
     cases.push(("actual_q step", 1, jumped));
@@ -237,6 +246,33 @@ fn impossible_values_are_named() {
     client.handle_bytes(Nanos(0), &data(&state(0))).expect("sound");
     jumped.timestamp += 0.05;
     client.handle_bytes(Nanos(0), &data(&jumped)).expect("possible");
+}
+
+#[test]
+fn states_of_newer_software_are_no_error_and_no_readiness() {
+    let good = state(1);
+    let newer = [
+        RobotState { runtime_state: 6, ..good },
+        RobotState { robot_mode: 9, ..good },
+        RobotState { robot_mode: -2, ..good },
+        RobotState { safety_status_bits: 1 | 1 << 12, ..good },
+        RobotState { safety_status_bits: 1 << 31, ..good },
+    ];
+    for newer in newer {
+        let mut client = running();
+        client.handle_bytes(Nanos(0), &data(&state(0))).expect("sound");
+        client.handle_bytes(Nanos(0), &data(&newer)).expect("possible");
+        let told = client.poll_told();
+        let Some(link::Event::Telegram { telegram, skipped: 1 }) = told else { panic!("{told:?}") };
+        let why = telegram.not_ready.expect("nobody knows what it means");
+        assert!(why.to_string().contains("does not know"), "{why}");
+        client.handle_bytes(Nanos(0), &data(&state(2))).expect("sound");
+        let told = client.poll_told();
+        assert!(
+            matches!(told, Some(link::Event::Telegram { telegram, .. }) if telegram.not_ready.is_none()),
+            "{told:?}"
+        );
+    }
 }
 
 const OLD: ControllerVersion = ControllerVersion { major: 3, minor: 15, bugfix: 0, build: 1 };

@@ -167,34 +167,10 @@ fn remedy(act: Act, now: &Standing) -> String {
 
 /// What a person has to do before the robot may move again; none where it may.
 pub fn safety_action(safety: dashboard::Safety) -> Option<&'static str> {
-    use dashboard::Safety as S;
-    Some(match safety {
-        S::Normal | S::Reduced => return None,
-        S::ProtectiveStop => "look at the cause, then screed robot unlock and screed robot play",
-        S::Recovery => "move the arm back within its limits at the teach pendant",
-        S::SafeguardStop | S::AutomaticModeSafeguardStop => "close the safeguard and reset it",
-        S::SystemEmergencyStop | S::RobotEmergencyStop => {
-            "release the emergency stop button when nobody is in danger, then screed robot power-on and brake-release"
-        }
-        S::Violation | S::Fault => {
-            "restart the safety system at the teach pendant after its message has been understood"
-        }
-        S::EnablingStop => "hold the three-position switch, or leave the manual mode",
-    })
+    safety.remedy().map(|remedy| remedy.action)
 }
 
 /// What is missing until programs can run; none where nothing is.
 pub fn mode_action(mode: RobotMode) -> Option<&'static str> {
-    Some(match mode {
-        RobotMode::Running => return None,
-        RobotMode::NoController | RobotMode::Booting | RobotMode::UpdatingFirmware => {
-            "wait until the controller has started"
-        }
-        RobotMode::Disconnected => "connect the arm to its controller",
-        RobotMode::ConfirmSafety => "confirm the safety settings at the teach pendant",
-        RobotMode::PowerOff => "screed robot power-on, then screed robot brake-release",
-        RobotMode::PowerOn => "wait until the motors have power, then screed robot brake-release",
-        RobotMode::Idle => "screed robot brake-release",
-        RobotMode::Backdrive => "let go of the arm: leave freedrive",
-    })
+    mode.remedy().map(|remedy| remedy.action)
 }

@@ -2,7 +2,7 @@
 //! kernel is kept from moving anything, and everything is agreed anew.
 
 use super::{Core, Depth, ToHost, shorten};
-use crate::link::rtde::LinkError;
+use crate::link::{LinkError, Trouble};
 use screed_kernel::fault::Fault;
 use screed_kernel::frame::NOTE_MAX;
 use screed_kernel::mode::Mode;
@@ -91,6 +91,27 @@ impl Core {
             .tell(&mut self.host, &format_args!("the robot cannot be reached, it is tried again every second: {why}"));
     }
 
+    /// A fresh connection stood, and no link came of it: the host is told what that means, if that is news. Whatever it is, it is
+    /// tried again, as a person may be at it; and nothing moves.
+    fn reconnect_refused(&mut self, trouble: Trouble, why: &dyn Display) {
+        let (before, after) = match trouble {
+            Trouble::Gone => return self.reconnect_failed(why),
+            Trouble::Held => {
+                ("", "; or the robot still holds the connection that failed: it is tried again every second")
+            }
+            Trouble::Changed => (
+                "not the robot that was there, or not as it was: another controller, other software or another installation; nothing \
+                 moves, and it is tried again every second: ",
+                "",
+            ),
+            Trouble::Senseless => (
+                "what answers where the robot was refuses, or makes no sense; nothing moves, and it is tried again every second: ",
+                "",
+            ),
+        };
+        self.link.tell(&mut self.host, &format_args!("{before}{why}{after}"));
+    }
+
     /// The robot can be told nothing more.
     pub(super) fn lose_robot(&mut self, fault: Fault) {
         match &mut self.lead {
@@ -116,11 +137,8 @@ impl Core {
             self.host.alarm(false, &text);
         } else if !self.link.has_run {
             self.host.alarm(true, &text);
-        } else if matches!(error, LinkError::InUse { .. }) {
-            let more = "or the robot still holds the connection that failed: it is tried again every second";
-            self.link.tell(&mut self.host, &format_args!("{text}; {more}"));
         } else {
-            self.reconnect_failed(&text);
+            self.reconnect_refused(error.trouble(), &text);
         }
         self.lose_robot(Fault::Link);
         self.hear_kernel();

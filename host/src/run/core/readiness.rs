@@ -1,6 +1,6 @@
 //! Whether something can move; and if not, when the host is told why.
 
-use crate::link::rtde::ready::NotReady;
+use crate::link::NotReady;
 use screed_kernel::units::Nanos;
 use std::fmt;
 
@@ -63,18 +63,26 @@ impl Readiness {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::link::{Code, Remedy};
+
+    fn not_ready(cause: &'static str, code: i64) -> Obstacle {
+        Obstacle::Robot(NotReady {
+            remedy: Remedy { cause, action: "see to it" },
+            code: Code::Number("state", code, 7),
+        })
+    }
 
     #[test]
     fn the_gravest_reason_is_told_and_a_new_one_at_once() {
         let second = Nanos(1_000_000_000);
         let mut readiness = Readiness::default();
-        let stopped = Obstacle::Robot(NotReady::Program(1));
+        let stopped = not_ready("stopped", 1);
         // Never ready: it may still be on its way there.
         assert_eq!(readiness.watch(second, Some(stopped)), None);
         assert_eq!(readiness.watch(second.plus(2_999_999_999), Some(stopped)), None);
         assert_eq!(readiness.watch(second.plus(3_000_000_000), Some(stopped)), Some(stopped));
         assert_eq!(readiness.watch(second.plus(9_000_000_000), Some(stopped)), None, "once");
-        let pressed = Obstacle::Robot(NotReady::Safety(1 << 6 | 1 << 7 | 1 << 10));
+        let pressed = not_ready("pressed", 2);
         assert_eq!(
             readiness.watch(second.plus(9_000_000_001), Some(pressed)),
             Some(pressed),

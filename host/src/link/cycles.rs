@@ -40,13 +40,15 @@ pub struct Counts {
 }
 
 impl CycleCount {
-    pub(super) const fn new(rate_hz: u32) -> Self {
+    /// For a robot of so many cycles a second.
+    pub const fn new(rate_hz: u32) -> Self {
         let counts = Counts { sent: 0, doubled: 0, skipped: 0, stalled: 0 };
         Self { rate: rate_hz as f64, first: None, begun: false, last: None, stale: 0, owed: 0, counts }
     }
 
-    /// A state came, of whatever is on its way in between.
-    pub(super) fn state(&mut self, timestamp: f64, arrived: u32) {
+    /// A state came, also one that is overtaken before it is looked at: its time stamp (s), and the number of the setpoint that had
+    /// arrived. A wire that does not tell which has, gives the number that left last: then what leaves counts as arrived.
+    pub fn state(&mut self, timestamp: f64, arrived: u32) {
         let before = self.last.replace((timestamp, arrived));
         let Some(first) = self.first else { return };
         if !self.begun {
@@ -81,7 +83,7 @@ impl CycleCount {
     }
 
     /// A setpoint of this number leaves.
-    pub(super) fn leaves(&mut self, seq: u32) {
+    pub fn leaves(&mut self, seq: u32) {
         self.first.get_or_insert(seq);
     }
 
@@ -92,7 +94,7 @@ impl CycleCount {
     }
 
     /// For a fresh connection, whose robot may have begun its time anew.
-    pub(super) fn restart(&mut self) {
+    pub fn restart(&mut self) {
         self.answered(0);
         *self = Self { counts: self.counts, ..Self::new(self.rate as u32) };
     }
@@ -166,6 +168,22 @@ mod tests {
         count.state(time + 0.004, 12);
         count.answered(0);
         assert_eq!(*count.counts(), Counts { sent: 12, doubled: 2, stalled: 3, skipped: 1 });
+    }
+
+    #[test]
+    fn a_wire_without_an_echo_gives_what_left_last_and_each_cycle_is_one_of_four() {
+        let mut count = CycleCount::new(250);
+        let mut left = 0;
+        for cycle in 0..100_u32 {
+            count.state(41.0 + 0.004 * f64::from(cycle), left);
+            // One in ten is not answered in time: the next answer says so.
+            if cycle % 10 != 5 {
+                count.answered(u32::from(cycle % 10 == 6));
+                left += 1;
+                count.leaves(left);
+            }
+        }
+        assert_eq!(*count.counts(), Counts { sent: 89, stalled: 10, ..Counts::default() });
     }
 
     #[test]
