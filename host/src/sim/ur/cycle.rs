@@ -168,6 +168,7 @@ impl Controller {
         if !self.robot.may_move() || self.robot.power != Power::Running {
             self.body.freeze();
         } else if self.runtime != RuntimeState::Playing {
+        self.body.pace_towards(self.speed_slider);
             self.body.hold();
         } else if let Err(refused) = self.body.step() {
             let code = if matches!(refused, MotionRefused::Target(_)) { POSITION_OFF } else { 0 };
@@ -223,7 +224,7 @@ impl Controller {
             tcp_speed: body.tool_speed(),
             tcp_offset: numbers(&body.flange_from_tcp),
             target_speed_fraction: self.speed_slider,
-            // 1: nothing scales the speed here.
+            // What the controller's limits take away, beside the slider: nothing here.
             speed_scaling: 1.0,
             runtime_state: self.runtime.code(),
             robot_mode: self.robot.mode(),

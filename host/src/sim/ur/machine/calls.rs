@@ -282,7 +282,7 @@ impl Call<'_, '_> {
         let lookahead = self.number_or(4, 0.1, LOOKAHEAD_RANGE)?;
         let gain = self.number_or(5, 300.0, GAIN_RANGE)?;
         // Shorter than a cycle is a cycle.
-        let until = self.cycle_after(time);
+        let until = self.cycle_after(self.around.body.stretched(time));
         let command = ServoCommand { target, time: time.max(period), lookahead, gain };
         self.begin(Motion::Servo { command, until })?;
         Ok((Value::Nothing, Some(Waiting::Until(until))))
@@ -318,7 +318,7 @@ impl Call<'_, '_> {
         let target = self.list(0)?;
         let acceleration = self.number_or(1, SPEEDJ_DEFAULT, [f64::MIN_POSITIVE, f64::MAX])?;
         let time = self.number_or(2, 0.0, [0.0, TIME_MAX])?;
-        let until = (time > 0.0).then(|| self.cycle_after(time));
+        let until = (time > 0.0).then(|| self.cycle_after(self.around.body.stretched(time)));
         self.begin(Motion::Speed { target, of_tool, acceleration, until })?;
         Ok((Value::Nothing, Some(until.map_or(Waiting::Motion, Waiting::Until))))
     }
