@@ -98,8 +98,13 @@ impl Options {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ControllerError {
     /// An arm whose data sheet gives no speeds, and none were set.
+/// Joint speeds of the UR15 (°/s), whose base and wrist have the lengths of the UR8 Long's and the UR18's.
+const SPEEDS_OF_KIN: &str = "180,180,240,300,300,300";
+
     #[error(
-        "no source gives the joint speeds of {model}; give a cell file with this model and joint_velocity_max_deg_s in [robot]"
+        "no source gives the joint speeds of {model}; say them, for example those of the ur15, its next of kin (screed sim ur \
+         --model {model} --joint-speeds-deg-s {SPEEDS_OF_KIN}), or give a cell file with this model and \
+         joint_velocity_max_deg_s in [robot]"
     )]
     NoSpeeds {
         /// The arm.
