@@ -91,16 +91,19 @@ impl Controller {
             }
         }
         self.exchange.updated.fill(false);
-        let Some(WatchdogRequest { period, action, .. }) = barked else { return };
-        let because = format!("RTDE watchdog: no update within {period} s, action {action}");
+        let Some(WatchdogRequest { period, action, input }) = barked else { return };
+        let (name, program) = (self.exchange.inputs.name(input), self.running.as_deref().unwrap_or(""));
+        let told = |done| format!("program {program} {done}: RTDE watchdog: no update of {name} within {period} s");
         match action {
             WatchdogAction::Ignore => {}
             WatchdogAction::Pause if self.runtime == RuntimeState::Playing => {
+                let because = told("paused");
                 self.runtime = RuntimeState::Paused;
                 self.announce(because);
             }
             WatchdogAction::Pause => {}
             WatchdogAction::Stop => {
+                let because = told("stopped");
                 self.end_program();
                 self.announce(because);
             }
@@ -165,10 +168,10 @@ impl Controller {
     }
 
     fn move_joints(&mut self) {
+        self.body.pace_towards(self.speed_slider);
         if !self.robot.may_move() || self.robot.power != Power::Running {
             self.body.freeze();
         } else if self.runtime != RuntimeState::Playing {
-        self.body.pace_towards(self.speed_slider);
             self.body.hold();
         } else if let Err(refused) = self.body.step() {
             let code = if matches!(refused, MotionRefused::Target(_)) { POSITION_OFF } else { 0 };

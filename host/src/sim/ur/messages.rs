@@ -6,6 +6,7 @@
 
 use super::script::ScriptError;
 use super::streams::{ROBOT_MESSAGE, package};
+use super::{LINE_MAX, shorten};
 use std::collections::VecDeque;
 
 /// Messages that wait for streams that are slow.
@@ -54,7 +55,7 @@ impl Message {
         match self {
             Self::Text(text) => {
                 content.extend(head(INTERPRETER, 0));
-                content.extend(text.bytes());
+                content.extend(shorten(text, LINE_MAX).bytes());
             }
             Self::Stop { code, why } => {
                 content.extend(head(ROBOT, 6));
@@ -62,7 +63,7 @@ impl Message {
                 for number in [*code, 0, VIOLATION, 0, 0] {
                     content.extend(number.to_be_bytes());
                 }
-                content.extend(why.bytes());
+                content.extend(shorten(why, LINE_MAX).bytes());
             }
             Self::Safety { mode } => {
                 content.extend(head(ROBOT, 5));
@@ -77,13 +78,13 @@ impl Message {
                 content.extend([0; 8]);
                 content.push(title.len() as u8);
                 content.extend(title.bytes());
-                content.extend(name.bytes());
+                content.extend(shorten(name, LINE_MAX).bytes());
             }
             Self::Script { line, column, text } => {
                 content.extend(head(INTERPRETER, 10));
                 content.extend(line.to_be_bytes());
                 content.extend(column.to_be_bytes());
-                content.extend(text.bytes());
+                content.extend(shorten(text, LINE_MAX).bytes());
             }
         }
         package(ROBOT_MESSAGE, &content)

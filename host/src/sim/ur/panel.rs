@@ -5,7 +5,9 @@ use super::inputs::Fieldbus;
 use super::machine::Machine;
 use super::robot::{Power, Refusal};
 use super::session::{Mishap, Session};
-use super::{Controller, LOG_MAX, Options, PROGRAMS, RuntimeState, WAIT_PROGRAM, script};
+use super::{
+    ANNOUNCED_MAX, Controller, LINE_MAX, LOG_MAX, Options, PROGRAMS, RuntimeState, WAIT_PROGRAM, script, shorten,
+};
 use crate::link::rtde::TextLevel;
 
 impl Controller {
@@ -204,7 +206,7 @@ impl Controller {
 
     /// Shows a message on the teach pendant, instead of the one before.
     pub fn show_popup(&mut self, text: &str) {
-        self.popup = Some(text.to_owned());
+        self.popup = Some(shorten(text, LINE_MAX).to_owned());
     }
 
     /// The message that is shown.
@@ -225,7 +227,7 @@ impl Controller {
         if self.log.len() >= LOG_MAX {
             self.log.pop_front();
         }
-        self.log.push_back(line.to_owned());
+        self.log.push_back(shorten(line, LINE_MAX).to_owned());
     }
 
     /// The log, oldest first: what programs and clients wrote, and why programs did not run.
@@ -233,12 +235,19 @@ impl Controller {
         self.log.iter().map(String::as_str)
     }
 
-    /// Keeps why the program does not run, and tells every client that has started.
+    /// Keeps why the program does not run, and tells every client that has started; where there is none, the first to start.
     pub(super) fn announce(&mut self, fault: String) {
+        let fault = shorten(&fault, LINE_MAX).to_owned();
         self.log(&fault);
+        self.fault_told = false;
         for session in self.sessions.values_mut().filter(|session| session.is_started()) {
             session.send_text(TextLevel::Error, &fault);
+            self.fault_told = true;
         }
+        if self.announced.len() >= ANNOUNCED_MAX {
+            self.announced.pop_front();
+        }
+        self.announced.push_back(fault.clone());
         self.fault = Some(fault);
     }
 
