@@ -154,12 +154,13 @@ impl Controller {
                     self.log(&text);
                     self.tell(&Message::Text(text));
                 }
-                Notice::Popup { text, blocking } => {
-                    self.show_popup(&text);
-                    if blocking && may_move {
+                Notice::Popup(popup) => {
+                    self.show_popup(&popup.text);
+                    if popup.blocking && may_move {
                         self.popup_holds = true;
                         self.runtime = RuntimeState::Paused;
                     }
+                    self.tell(&Message::Popup(popup));
                 }
                 Notice::ProtectiveStop => self.stop_for(0, &MotionRefused::Asked.to_string()),
             }

@@ -12,6 +12,7 @@ mod compute;
 use super::body::Body;
 use super::cell::CellInputs;
 use super::inputs::InputValues;
+use super::messages::Popup;
 use super::outputs::Outputs;
 use super::script::ScriptError;
 use super::script::code::{Name, Op, Scope, Script, Value};
@@ -56,8 +57,8 @@ pub(super) struct Surroundings<'a> {
 pub(super) enum Notice {
     /// `textmsg`.
     Text(String),
-    /// `popup`; whether the program waits until it is closed.
-    Popup { text: String, blocking: bool },
+    /// `popup`.
+    Popup(Popup),
     /// `protective_stop()`.
     ProtectiveStop,
 }

@@ -24,12 +24,25 @@ pub(super) enum Message {
     Program { name: String, started: bool },
     /// `textmsg`.
     Text(String),
+    /// A popup of a program.
+    Popup(Popup),
     /// A protective stop.
     Stop { code: i32, why: String },
     /// Another safety mode.
     Safety { mode: i32 },
     /// A program cannot be loaded, or not go on.
     Script { line: i32, column: i32, text: String },
+}
+
+/// What `popup` shows.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Popup {
+    pub text: String,
+    pub title: String,
+    pub warning: bool,
+    pub error: bool,
+    /// The program waits until it is closed.
+    pub blocking: bool,
 }
 
 impl Message {
@@ -56,6 +69,16 @@ impl Message {
             Self::Text(text) => {
                 content.extend(head(INTERPRETER, 0));
                 content.extend(shorten(text, LINE_MAX).bytes());
+            }
+            Self::Popup(popup) => {
+                content.extend(head(INTERPRETER, 2));
+                // Number and type of a request: none.
+                content.extend([0; 8]);
+                content.extend([popup.warning, popup.error, popup.blocking].map(u8::from));
+                let title = shorten(&popup.title, usize::from(u8::MAX));
+                content.push(title.len() as u8);
+                content.extend(title.bytes());
+                content.extend(shorten(&popup.text, LINE_MAX).bytes());
             }
             Self::Stop { code, why } => {
                 content.extend(head(ROBOT, 6));

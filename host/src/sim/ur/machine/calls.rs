@@ -5,6 +5,7 @@ use super::{Notice, Surroundings, Waiting, WatchdogRequest};
 use crate::link::rtde::fields::REGISTERS;
 use crate::link::rtde::program::{GAIN_RANGE, LOOKAHEAD_RANGE, WatchdogAction};
 use crate::sim::ur::body::{Goal, Motion};
+use crate::sim::ur::messages::Popup;
 use crate::sim::ur::numbers;
 use crate::sim::ur::script::ScriptError;
 use crate::sim::ur::script::builtins::Builtin;
@@ -53,9 +54,11 @@ impl Call<'_, '_> {
                 Ok((Value::Nothing, Some(Waiting::Until(self.cycle_after(time)))))
             }
             Builtin::Popup => {
-                let text = self.value(0).map(ToString::to_string).unwrap_or_default();
-                let blocking = self.value(4).map_or(Ok(false), |value| boolean(self.line, value))?;
-                self.around.notices.push(Notice::Popup { text, blocking });
+                let text = |place| self.value(place).map(ToString::to_string);
+                let (text, title) = (text(0).unwrap_or_default(), text(1).unwrap_or_else(|| "Popup".to_owned()));
+                let flag = |place| self.value(place).map_or(Ok(false), |value| boolean(self.line, value));
+                let (warning, error, blocking) = (flag(2)?, flag(3)?, flag(4)?);
+                self.around.notices.push(Notice::Popup(Popup { text, title, warning, error, blocking }));
                 Ok((Value::Nothing, blocking.then_some(Waiting::Until(self.around.cycle + 1))))
             }
             Builtin::ProtectiveStop => {

@@ -167,8 +167,8 @@ fn texts_of_any_length_are_cut_between_characters() {
     assert!(lines.iter().all(|length| *length <= LINE_MAX) && lines.contains(&1022), "{lines:?}");
     assert_eq!(wire.controller.popup().map(str::len), Some(1022));
     wire.controller.feed(&mut stream);
-    // End and start of programs of four letters, then the text behind its head of 15 bytes.
-    assert_eq!(stream.poll_transmit(&mut bytes), 2 * (15 + 9 + 19 + 4) + 15 + 1022);
+    // End and start of programs of four letters, then the texts behind their heads of 15 bytes and of 12 and a title.
+    assert_eq!(stream.poll_transmit(&mut bytes), 2 * (15 + 9 + 19 + 4) + 15 + 1022 + 15 + 12 + 5 + 1022);
 }
 
 #[test]
