@@ -58,9 +58,44 @@ const LOG_MAX: usize = 1000;
 const LINE_MAX: usize = 1023;
 /// Reasons that wait to be said on the controller's own output.
 const ANNOUNCED_MAX: usize = 64;
-/// The programs on the controller's disk: the installed one, and one that waits, for trying the dashboard.
-const PROGRAMS: [&str; 2] = ["screed.urp", "wait_program.urp"];
+/// The programs on the controller's disk, but for the installed one.
+const PROGRAMS: [(&str, &str); 2] = [("wait_program.urp", WAIT_PROGRAM), ("rtde_control_loop.urp", CONTROL_LOOP)];
+/// The installed one's name.
+const INSTALLED: &str = "screed.urp";
+/// Waits, for trying the dashboard.
 const WAIT_PROGRAM: &str = "def wait_program():\n  while (True):\n    sleep(1)\n  end\nend\n";
+/// What UR's example_control_loop.py talks to: it asks for a pose with output register 0 at 1, goes there along a line once input
+/// register 0 is 1, and confirms with 0 until the client does.
+const CONTROL_LOOP: &str = "def rtde_control_loop():
+  global wanted = p[0, 0, 0, 0, 0, 0]
+  rtde_set_watchdog(\"input_int_register_0\", 1, \"PAUSE\")
+  thread read():
+    while True:
+      pose = p[0, 0, 0, 0, 0, 0]
+      axis = 0
+      while axis < 6:
+        pose[axis] = read_input_float_register(axis)
+        axis = axis + 1
+      end
+      wanted = pose
+      sync()
+    end
+  end
+  reader = run read()
+  write_output_integer_register(0, 1)
+  while True:
+    if read_input_integer_register(0) == 1 and wanted != p[0, 0, 0, 0, 0, 0]:
+      movel(wanted, a=1.2, v=0.08)
+      write_output_integer_register(0, 0)
+      while read_input_integer_register(0) == 1:
+        sync()
+      end
+      write_output_integer_register(0, 1)
+    end
+    sync()
+  end
+end
+";
 /// What the controller says its serial number is; a real one is of the same form.
 const SERIAL_NUMBER: &str = "20220000000";
 
@@ -219,8 +254,8 @@ pub struct Controller {
     record: CycleRecord,
     /// The time of cycle 0 (s).
     first_second: u64,
-    /// Which of [`PROGRAMS`] is loaded.
-    loaded: usize,
+    /// The program that is loaded: its name, and its text where it is not the installed one.
+    loaded: (&'static str, Option<&'static str>),
     desk: Desk,
     cell: CellInputs,
     fieldbus: Fieldbus,
@@ -286,7 +321,7 @@ impl Controller {
                 runtime_state: RuntimeState::Stopped,
             },
             first_second: SECONDS_AT_START,
-            loaded: 0,
+            loaded: (INSTALLED, None),
             desk: Desk::default(),
             cell: CellInputs::default(),
             fieldbus: Fieldbus::Off,

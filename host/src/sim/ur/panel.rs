@@ -6,7 +6,7 @@ use super::machine::Machine;
 use super::robot::{Power, Refusal};
 use super::session::{Mishap, Session};
 use super::{
-    ANNOUNCED_MAX, Controller, LINE_MAX, LOG_MAX, Options, PROGRAMS, RuntimeState, WAIT_PROGRAM, script, shorten,
+    ANNOUNCED_MAX, Controller, INSTALLED, LINE_MAX, LOG_MAX, Options, PROGRAMS, RuntimeState, script, shorten,
 };
 use crate::link::rtde::TextLevel;
 
@@ -25,7 +25,7 @@ impl Controller {
             self.runtime = RuntimeState::Playing;
             return Ok(());
         }
-        let text = if self.loaded == 0 { self.options.program.clone() } else { WAIT_PROGRAM.to_owned() };
+        let text = self.loaded.1.map_or_else(|| self.options.program.clone(), str::to_owned);
         match script::parse(&text) {
             Ok(script) => {
                 self.begin_program(Machine::new(script));
@@ -41,15 +41,16 @@ impl Controller {
     /// Loads a program by its file name, with any folder before it; the one that runs ends. False: there is none.
     pub fn load(&mut self, path: &str) -> bool {
         let name = path.rsplit('/').next().unwrap_or(path);
-        let Some(found) = PROGRAMS.iter().position(|known| *known == name) else { return false };
+        let known = PROGRAMS.into_iter().find(|(known, _)| *known == name).map(|(name, text)| (name, Some(text)));
+        let Some(found) = known.or_else(|| (name == INSTALLED).then_some((INSTALLED, None))) else { return false };
         self.end_program();
         self.loaded = found;
         true
     }
 
     /// The loaded program's name.
-    pub fn program_name(&self) -> &'static str {
-        PROGRAMS.get(self.loaded).copied().unwrap_or("")
+    pub const fn program_name(&self) -> &'static str {
+        self.loaded.0
     }
 
     /// Ends the program, if one runs.

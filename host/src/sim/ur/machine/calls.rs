@@ -386,7 +386,8 @@ impl Call<'_, '_> {
         let name = text(self.argument(0)?)?;
         let frequency = self.number_in(1, [f64::MIN_POSITIVE, self.around.cycles_per_second])?;
         let action = self.value(2).map_or(Ok("pause".to_owned()), text)?;
-        let action = match action.as_str() {
+        // The maker's own programs write it in capitals.
+        let action = match action.to_ascii_lowercase().as_str() {
             "ignore" => WatchdogAction::Ignore,
             "pause" => WatchdogAction::Pause,
             "stop" => WatchdogAction::Stop,

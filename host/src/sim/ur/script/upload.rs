@@ -78,7 +78,7 @@ impl Upload {
 
 fn is_blank(line: &str) -> bool {
     let text = line.trim();
-    text.is_empty() || text.starts_with('#')
+    text.is_empty() || text.starts_with(['#', '$'])
 }
 
 #[cfg(test)]

@@ -2,12 +2,13 @@
 //! (RTDE_Python_Client_Library, `rtde/rtde.py`) and UR's C++ client library (`src/rtde`, `tests/test_rtde_client.cpp`,
 //! `tests/test_dashboard_client_g5.cpp`, `tests/test_primary_client.cpp`).
 
-use super::wire::{START, Wire, double, int};
+use super::wire::{IDLE, START, Wire, double, int};
 use crate::sim::ur::dashboard;
 use crate::sim::ur::robot::Generation;
 use crate::sim::ur::script::upload::Upload;
 use crate::sim::ur::streams::{Port, Stream};
-use screed_kernel::arms::ur::UR10E;
+use screed_kernel::arms::ur::{UR5E, UR10E};
+use screed_kernel::units::JointPos;
 
 /// A client that looks at the newest package only takes a start for refused if data has overtaken its answer; it then waits
 /// for a time stamp of 40 s, pauses, sets its inputs up, and starts again.
@@ -433,4 +434,61 @@ fn a_wrong_name_is_told_by_its_place_and_the_connection_goes_on() {
     wire.send(b'O', &[&500.0_f64.to_be_bytes()[..], b"actual_q,timestamp"].concat());
     assert_eq!(wire.packages()[0].0, b'O');
     assert!(double(&wire.next(), 48) > 41.0);
+}
+
+#[test]
+fn port_30001_tells_of_a_programs_popup() {
+    let wire = &mut Wire::new(Generation::ESeries);
+    let mut stream = Stream::new(Port::Primary);
+    messages(wire, &mut stream, 1);
+    upload(wire, "def a():\n  popup(\"look\", title=\"Door\", error=True, blocking=True)\n  sleep(1)\nend\n");
+    let told = messages(wire, &mut stream, 3);
+    assert_eq!(told.last(), Some(&(2, b"\0\0\0\0\0\0\0\0\0\x01\x01\x04Doorlook".to_vec())));
+    assert_eq!(wire.controller.popup(), Some("look"));
+}
+
+/// UR's `example_control_loop.py` and the program that it comes with, here from the controller's disk.
+#[test]
+fn the_python_clients_control_loop_moves_the_robot_to_and_fro() {
+    for generation in [Generation::ESeries, Generation::Cb3] {
+        let start = JointPos([0.0, -1.57, -1.57, -1.57, 1.57, 0.0]);
+        let wire = &mut Wire::of(&UR5E, start, generation, IDLE);
+        wire.protocol(2);
+        wire.outputs("target_q,target_qd,output_int_register_0", 125.0);
+        let registers: Vec<String> = (0..6).map(|register| format!("input_double_register_{register}")).collect();
+        assert_eq!((wire.inputs(&registers.join(",")).0, wire.inputs("input_int_register_0").0), (1, 2));
+        wire.start();
+        say(
+            wire,
+            &[
+                ("load rtde_control_loop.urp", "Loading program: rtde_control_loop.urp"),
+                ("play", "Starting program"),
+                ("programState", "PLAYING rtde_control_loop.urp"),
+            ],
+        );
+        let poses = [[-0.12, -0.43, 0.14, 0.0, 3.11, 0.04], [-0.12, -0.51, 0.21, 0.0, 3.11, 0.04_f64]];
+        let (mut moving, mut done, mut kick) = (false, 0, 0);
+        for _ in 0..60 * 125 {
+            for state in wire.run(generation.cycle_rate() as usize / 125) {
+                let asked = int(&state, 96) == 1;
+                if !moving && asked {
+                    let pose = poses[done % 2].iter().flat_map(|value| value.to_be_bytes());
+                    wire.send(b'U', &[vec![1], pose.collect()].concat());
+                    (moving, kick) = (true, 1);
+                } else if moving && !asked {
+                    let place = wire.controller.body.base_from_tcp().translation;
+                    assert!((0..3).all(|axis| (place[axis] - poses[done % 2][axis]).abs() < 1e-9), "{place}");
+                    (moving, kick, done) = (false, 0, done + 1);
+                }
+                wire.send(b'U', &[2, 0, 0, 0, kick]);
+            }
+            if done == 4 {
+                break;
+            }
+        }
+        assert_eq!(done, 4, "{:?}", wire.controller.program_fault());
+        // Nobody kicks its watchdog of 1 Hz: it is held.
+        wire.run(3 * generation.cycle_rate() as usize / 2);
+        say(wire, &[("programState", "PAUSED rtde_control_loop.urp")]);
+    }
 }
