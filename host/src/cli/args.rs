@@ -18,7 +18,7 @@ pub use robot::{
     RobotListArgs, RobotOf, RobotShowArgs, StatusArgs,
 };
 pub use rtde::{RtdeCommand, RtdeRecordArgs};
-pub use sim::{SimUrArgs, StartDeg};
+pub use sim::{SimUrArgs, SpeedsDeg, StartDeg};
 pub use wcet::WcetArgs;
 
 /// `screed demo`
@@ -262,7 +262,7 @@ pub struct LogArgs {
 #[derive(Clone, Debug, PartialEq, clap::Subcommand)]
 pub enum SimCommand {
     /// A UR controller: an RTDE server and a robot that follows servoj
-    Ur(SimUrArgs),
+    Ur(Box<SimUrArgs>),
     /// A clay extruder on a pseudo-terminal
     Extruder(SimExtruderArgs),
 }

@@ -54,9 +54,48 @@ const SECONDS_AT_START: u64 = 41;
 const SECONDARY_MAX: usize = 8;
 /// Lines of the log that are kept.
 const LOG_MAX: usize = 1000;
-/// The programs on the controller's disk: the installed one, and one that waits, for trying the dashboard.
-const PROGRAMS: [&str; 2] = ["screed.urp", "wait_program.urp"];
+/// Longest line of the log, message and popup (bytes): a string of URScript has at most 1,023 characters.
+const LINE_MAX: usize = 1023;
+/// Reasons that wait to be said on the controller's own output.
+const ANNOUNCED_MAX: usize = 64;
+/// The programs on the controller's disk, but for the installed one.
+const PROGRAMS: [(&str, &str); 2] = [("wait_program.urp", WAIT_PROGRAM), ("rtde_control_loop.urp", CONTROL_LOOP)];
+/// The installed one's name.
+const INSTALLED: &str = "screed.urp";
+/// Waits, for trying the dashboard.
 const WAIT_PROGRAM: &str = "def wait_program():\n  while (True):\n    sleep(1)\n  end\nend\n";
+/// What UR's example_control_loop.py talks to: it asks for a pose with output register 0 at 1, goes there along a line once input
+/// register 0 is 1, and confirms with 0 until the client does.
+const CONTROL_LOOP: &str = "def rtde_control_loop():
+  global wanted = p[0, 0, 0, 0, 0, 0]
+  rtde_set_watchdog(\"input_int_register_0\", 1, \"PAUSE\")
+  thread read():
+    while True:
+      pose = p[0, 0, 0, 0, 0, 0]
+      axis = 0
+      while axis < 6:
+        pose[axis] = read_input_float_register(axis)
+        axis = axis + 1
+      end
+      wanted = pose
+      sync()
+    end
+  end
+  reader = run read()
+  write_output_integer_register(0, 1)
+  while True:
+    if read_input_integer_register(0) == 1 and wanted != p[0, 0, 0, 0, 0, 0]:
+      movel(wanted, a=1.2, v=0.08)
+      write_output_integer_register(0, 0)
+      while read_input_integer_register(0) == 1:
+        sync()
+      end
+      write_output_integer_register(0, 1)
+    end
+    sync()
+  end
+end
+";
 /// What the controller says its serial number is; a real one is of the same form.
 const SERIAL_NUMBER: &str = "20220000000";
 
@@ -94,12 +133,17 @@ impl Options {
     }
 }
 
+/// Joint speeds of the UR15 (°/s), whose base and wrist have the lengths of the UR8 Long's and the UR18's.
+const SPEEDS_OF_KIN: &str = "180,180,240,300,300,300";
+
 /// Why there is no controller.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ControllerError {
     /// An arm whose data sheet gives no speeds, and none were set.
     #[error(
-        "no source gives the joint speeds of {model}; give a cell file with this model and joint_velocity_max_deg_s in [robot]"
+        "no source gives the joint speeds of {model}; say them, for example those of the ur15, its next of kin (screed sim ur \
+         --model {model} --joint-speeds-deg-s {SPEEDS_OF_KIN}), or give a cell file with this model and \
+         joint_velocity_max_deg_s in [robot]"
     )]
     NoSpeeds {
         /// The arm.
@@ -195,6 +239,10 @@ pub struct Controller {
     secondary: Vec<Machine>,
     runtime: RuntimeState,
     fault: Option<String>,
+    /// A client has been told of it.
+    fault_told: bool,
+    /// Why programs stopped or were refused, until somebody takes it.
+    announced: VecDeque<String>,
     robot: Robot,
     body: Body,
     watchdogs: Vec<Watchdog>,
@@ -206,8 +254,8 @@ pub struct Controller {
     record: CycleRecord,
     /// The time of cycle 0 (s).
     first_second: u64,
-    /// Which of [`PROGRAMS`] is loaded.
-    loaded: usize,
+    /// The program that is loaded: its name, and its text where it is not the installed one.
+    loaded: (&'static str, Option<&'static str>),
     desk: Desk,
     cell: CellInputs,
     fieldbus: Fieldbus,
@@ -252,6 +300,8 @@ impl Controller {
             secondary: Vec::new(),
             runtime: RuntimeState::Stopped,
             fault: None,
+            fault_told: false,
+            announced: VecDeque::new(),
             robot: Robot::new(power),
             body: Body::new(arm, speed_max, start_q, tool, 1.0 / f64::from(rate)),
             watchdogs: Vec::new(),
@@ -271,7 +321,7 @@ impl Controller {
                 runtime_state: RuntimeState::Stopped,
             },
             first_second: SECONDS_AT_START,
-            loaded: 0,
+            loaded: (INSTALLED, None),
             desk: Desk::default(),
             cell: CellInputs::default(),
             fieldbus: Fieldbus::Off,
@@ -319,12 +369,16 @@ impl Controller {
 
     /// Takes bytes of a client, split anywhere; input data is in force from the next cycle on.
     pub fn handle_bytes(&mut self, client: ClientId, bytes: &[u8]) {
-        if let Some(session) = self.sessions.get_mut(&client) {
-            let was_started = session.is_started();
-            session.handle_bytes(bytes, &mut self.exchange);
-            if let (false, true, Some(fault)) = (was_started, session.is_started(), &self.fault) {
-                session.greet(fault);
-            }
+        let Some(session) = self.sessions.get_mut(&client) else { return };
+        let was_streaming = session.is_streaming();
+        session.handle_bytes(bytes, &mut self.exchange);
+        if let (false, true, false, Some(fault)) = (was_streaming, session.is_streaming(), self.fault_told, &self.fault)
+        {
+            session.greet(fault);
+            self.fault_told = true;
+        }
+        for complaint in session.take_complaints() {
+            self.log(&complaint);
         }
     }
 
@@ -405,6 +459,11 @@ impl Controller {
         self.fault.as_deref()
     }
 
+    /// Why programs stopped or were refused since this was last asked, oldest first.
+    pub fn take_announced(&mut self) -> VecDeque<String> {
+        std::mem::take(&mut self.announced)
+    }
+
     /// Whether the robot stands in a protective stop.
     pub const fn is_protective_stop(&self) -> bool {
         matches!(self.robot.safety(), Safety::ProtectiveStop { .. })
@@ -414,6 +473,15 @@ impl Controller {
 /// Cycle counts are exact, so stamps are the nearest doubles to a multiple of the period and nothing adds up.
 fn timestamp(first_second: u64, cycle: u64, rate: u32) -> f64 {
     (first_second * u64::from(rate) + cycle) as f64 / f64::from(rate)
+}
+
+/// The start of a text, cut between characters to so many bytes.
+fn shorten(text: &str, most: usize) -> &str {
+    let mut end = text.len().min(most);
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    text.get(..end).unwrap_or("")
 }
 
 fn numbers(pose: &Pose) -> [f64; 6] {

@@ -42,6 +42,10 @@ pub struct SimUrArgs {
     /// The joints it starts with, six numbers in degrees, instead of the cell's
     #[arg(long, value_name = "J1,J2,J3,J4,J5,J6", value_parser = joints_deg, allow_hyphen_values = true)]
     pub start_deg: Option<StartDeg>,
+    /// How fast the joints can turn, six numbers in degrees a second, instead of the data sheet's; ur8long and ur18 need it, for
+    /// no source gives theirs
+    #[arg(long, value_name = "J1,J2,J3,J4,J5,J6", value_parser = speeds_deg)]
+    pub joint_speeds_deg_s: Option<SpeedsDeg>,
     /// A robot program (URScript) instead of Screed's own
     #[arg(long, value_name = "FILE")]
     pub program: Option<PathBuf>,
@@ -72,10 +76,22 @@ pub struct SimUrArgs {
 pub struct StartDeg(pub [f64; 6]);
 
 fn joints_deg(text: &str) -> Result<StartDeg, String> {
-    let expected = || "expected six numbers from -360 to 360, separated by commas".to_owned();
+    six(text, -360.0, 360.0).map(StartDeg)
+}
+
+/// Speeds of six joints as a person types them (degrees a second).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpeedsDeg(pub [f64; 6]);
+
+fn speeds_deg(text: &str) -> Result<SpeedsDeg, String> {
+    six(text, 0.1, 1000.0).map(SpeedsDeg)
+}
+
+fn six(text: &str, least: f64, most: f64) -> Result<[f64; 6], String> {
+    let expected = || format!("expected six numbers from {least} to {most}, separated by commas");
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
-    let joints: [f64; 6] = numbers.map_err(|_| expected())?.try_into().map_err(|_| expected())?;
-    if joints.iter().all(|joint| (-360.0..=360.0).contains(joint)) { Ok(StartDeg(joints)) } else { Err(expected()) }
+    let found: [f64; 6] = numbers.map_err(|_| expected())?.try_into().map_err(|_| expected())?;
+    if found.iter().all(|number| (least..=most).contains(number)) { Ok(found) } else { Err(expected()) }
 }
 
 fn rtde_protocol(text: &str) -> Result<Protocol, String> {

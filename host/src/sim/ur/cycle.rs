@@ -91,16 +91,19 @@ impl Controller {
             }
         }
         self.exchange.updated.fill(false);
-        let Some(WatchdogRequest { period, action, .. }) = barked else { return };
-        let because = format!("RTDE watchdog: no update within {period} s, action {action}");
+        let Some(WatchdogRequest { period, action, input }) = barked else { return };
+        let (name, program) = (self.exchange.inputs.name(input), self.running.as_deref().unwrap_or(""));
+        let told = |done| format!("program {program} {done}: RTDE watchdog: no update of {name} within {period} s");
         match action {
             WatchdogAction::Ignore => {}
             WatchdogAction::Pause if self.runtime == RuntimeState::Playing => {
+                let because = told("paused");
                 self.runtime = RuntimeState::Paused;
                 self.announce(because);
             }
             WatchdogAction::Pause => {}
             WatchdogAction::Stop => {
+                let because = told("stopped");
                 self.end_program();
                 self.announce(because);
             }
@@ -151,12 +154,13 @@ impl Controller {
                     self.log(&text);
                     self.tell(&Message::Text(text));
                 }
-                Notice::Popup { text, blocking } => {
-                    self.show_popup(&text);
-                    if blocking && may_move {
+                Notice::Popup(popup) => {
+                    self.show_popup(&popup.text);
+                    if popup.blocking && may_move {
                         self.popup_holds = true;
                         self.runtime = RuntimeState::Paused;
                     }
+                    self.tell(&Message::Popup(popup));
                 }
                 Notice::ProtectiveStop => self.stop_for(0, &MotionRefused::Asked.to_string()),
             }
@@ -165,6 +169,7 @@ impl Controller {
     }
 
     fn move_joints(&mut self) {
+        self.body.pace_towards(self.speed_slider);
         if !self.robot.may_move() || self.robot.power != Power::Running {
             self.body.freeze();
         } else if self.runtime != RuntimeState::Playing {
@@ -223,7 +228,7 @@ impl Controller {
             tcp_speed: body.tool_speed(),
             tcp_offset: numbers(&body.flange_from_tcp),
             target_speed_fraction: self.speed_slider,
-            // 1: nothing scales the speed here.
+            // What the controller's limits take away, beside the slider: nothing here.
             speed_scaling: 1.0,
             runtime_state: self.runtime.code(),
             robot_mode: self.robot.mode(),

@@ -89,42 +89,53 @@ impl Session {
 /// The answer to one command.
 pub fn answer(line: &str, controller: &mut Controller) -> String {
     let (command, argument) = split(line);
-    match command {
+    of_state(command, controller)
+        .or_else(|| of_program(command, argument, controller))
+        .or_else(|| of_robot(command, controller))
+        .or_else(|| of_desk(command, argument, controller))
+        .or_else(|| of_generation(command, argument, controller))
+        .unwrap_or_else(|| unknown(line))
+}
+
+/// Questions.
+fn of_state(command: &str, controller: &Controller) -> Option<String> {
+    Some(match command {
+        "running" => format!("Program running: {}", controller.runtime_state() != RuntimeState::Stopped),
+        "robotmode" => format!("Robotmode: {}", controller.robot().mode_name()),
+        "get loaded program" => format!("Loaded program: {}", controller.program_name()),
+        "isProgramSaved" => format!("true {}", controller.program_name()),
+        "programState" => format!("{} {}", state_name(controller.runtime_state()), controller.program_name()),
+        "PolyscopeVersion" => version(controller.generation()),
+        "safetymode" => format!("Safetymode: {}", controller.robot().safety_mode_name()),
+        "safetystatus" => format!("Safetystatus: {}", controller.robot().safety_status_name()),
+        "get serial number" => controller.serial_number().to_owned(),
+        "get robot model" => controller.model_name(),
+        _ => return None,
+    })
+}
+
+/// Programs and installations.
+fn of_program(command: &str, argument: &str, controller: &mut Controller) -> Option<String> {
+    Some(match command {
         "play" => outcome(controller.play(), "Starting program", "Failed to execute: play"),
         "stop" => {
             controller.stop();
             "Stopped".to_owned()
         }
         "pause" => outcome(controller.pause(), "Pausing program", "Failed to execute: pause"),
-        "quit" => "Disconnected".to_owned(),
-        "shutdown" => {
-            controller.power_off();
-            "Shutting down".to_owned()
-        }
-        "running" => format!("Program running: {}", controller.runtime_state() != RuntimeState::Stopped),
-        "robotmode" => format!("Robotmode: {}", controller.robot().mode_name()),
         "load" if controller.load(argument) => format!("Loading program: {argument}"),
         "load" => format!("File not found: {argument}"),
         "load installation" if argument.rsplit('/').next() == Some(INSTALLATION) => {
             format!("Loading installation: {argument}")
         }
         "load installation" => format!("File not found: {argument}"),
-        "get loaded program" => format!("Loaded program: {}", controller.program_name()),
-        "popup" => {
-            controller.show_popup(argument);
-            "showing popup".to_owned()
-        }
-        "close popup" => {
-            controller.close_popup();
-            "closing popup".to_owned()
-        }
-        "addToLog" => {
-            controller.log(argument);
-            "Added log message".to_owned()
-        }
-        "isProgramSaved" => format!("true {}", controller.program_name()),
-        "programState" => format!("{} {}", state_name(controller.runtime_state()), controller.program_name()),
-        "PolyscopeVersion" => version(controller.generation()),
+        _ => return None,
+    })
+}
+
+/// Power, brakes and safety.
+fn of_robot(command: &str, controller: &mut Controller) -> Option<String> {
+    Some(match command {
         "power on" => outcome(controller.power_on(), "Powering on", "Failed to execute: power on"),
         "power off" => {
             controller.power_off();
@@ -133,31 +144,48 @@ pub fn answer(line: &str, controller: &mut Controller) -> String {
         "brake release" => outcome(controller.release_brakes(), "Brake releasing", "Failed to execute: brake release"),
         "unlock protective stop" => match controller.unlock_protective_stop() {
             Ok(()) => "Protective stop releasing".to_owned(),
-            Err(Refusal::TooEarly) => {
-                "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of \
-                                       protective stop before unlocking"
-                    .to_owned()
-            }
+            Err(Refusal::TooEarly) => TOO_EARLY.to_owned(),
             Err(Refusal::State) => "Failed to execute: unlock protective stop".to_owned(),
         },
-        "close safety popup" => {
-            controller.close_popup();
-            "closing safety popup".to_owned()
-        }
-        "safetymode" => format!("Safetymode: {}", controller.robot().safety_mode_name()),
-        "safetystatus" => format!("Safetystatus: {}", controller.robot().safety_status_name()),
         "restart safety" => {
             controller.restart_safety();
             "Restarting safety".to_owned()
         }
-        "get serial number" => controller.serial_number().to_owned(),
-        "get robot model" => controller.model_name(),
-        "saveLog" => "Log saved to disk".to_owned(),
+        "shutdown" => {
+            controller.power_off();
+            "Shutting down".to_owned()
+        }
+        _ => return None,
+    })
+}
+
+/// Messages, logs, reports, and the end of the conversation.
+fn of_desk(command: &str, argument: &str, controller: &mut Controller) -> Option<String> {
+    let told = match command {
+        "popup" => {
+            controller.show_popup(argument);
+            "showing popup"
+        }
+        "close popup" => {
+            controller.close_popup();
+            "closing popup"
+        }
+        "close safety popup" => {
+            controller.close_popup();
+            "closing safety popup"
+        }
+        "addToLog" => {
+            controller.log(argument);
+            "Added log message"
+        }
+        "saveLog" => "Log saved to disk",
         // Nothing is written: the simulation has no disk. Names as on a robot.
-        "generate flight report" => "Flight Report generated with id:1".to_owned(),
-        "generate support file" => "Completed successfully: ursupport_1.zip".to_owned(),
-        _ => of_generation(command, argument, controller).unwrap_or_else(|| unknown(line)),
-    }
+        "generate flight report" => "Flight Report generated with id:1",
+        "generate support file" => "Completed successfully: ursupport_1.zip",
+        "quit" => "Disconnected",
+        _ => return None,
+    };
+    Some(told.to_owned())
 }
 
 /// What only one of the generations has.
@@ -190,6 +218,8 @@ fn of_generation(command: &str, argument: &str, controller: &mut Controller) -> 
     })
 }
 
+const TOO_EARLY: &str =
+    "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking";
 /// The installation on the controller's disk.
 const INSTALLATION: &str = "default.installation";
 const USER_ROLES: [&str; 5] = ["PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED"];

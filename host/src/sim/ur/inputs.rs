@@ -41,6 +41,11 @@ impl InputValues {
         self.places.get(std::str::from_utf8(name).ok()?).copied()
     }
 
+    /// The name of the input at this place.
+    pub(super) fn name(&self, place: usize) -> &str {
+        self.places.iter().find(|(_, (known, _))| *known == place).map_or("", |(name, _)| name)
+    }
+
     /// Takes a new value.
     pub(super) fn set(&mut self, place: usize, value: &[u8]) {
         if let Some(slot) = self.raw.get_mut(place).and_then(|raw| raw.get_mut(..value.len())) {

@@ -12,6 +12,7 @@ mod compute;
 use super::body::Body;
 use super::cell::CellInputs;
 use super::inputs::InputValues;
+use super::messages::Popup;
 use super::outputs::Outputs;
 use super::script::ScriptError;
 use super::script::code::{Name, Op, Scope, Script, Value};
@@ -56,8 +57,8 @@ pub(super) struct Surroundings<'a> {
 pub(super) enum Notice {
     /// `textmsg`.
     Text(String),
-    /// `popup`; whether the program waits until it is closed.
-    Popup { text: String, blocking: bool },
+    /// `popup`.
+    Popup(Popup),
     /// `protective_stop()`.
     ProtectiveStop,
 }
@@ -260,6 +261,36 @@ impl Machine {
                     return Ok(Flow::Yield);
                 }
             }
+            Op::Run(_) | Op::Kill | Op::Join | Op::EnterCritical | Op::ExitCritical => {
+                return self.schedule(thread, line, op, around);
+            }
+            Op::Halt => return Ok(Flow::Ended),
+            Op::Missing(name) => return Err(ScriptError::NotSimulated { line, name }),
+            Op::Builtin(builtin, places) => {
+                let count = places.iter().flatten().count();
+                let arguments = thread.stack.split_off(thread.stack.len().saturating_sub(count));
+                let mut call = calls::Call { line, thread: thread.id, arguments: &arguments, places, around };
+                let (value, waiting) = call.run(*builtin)?;
+                thread.stack.push(value);
+                if let Some(waiting) = waiting {
+                    thread.waiting = waiting;
+                    return Ok(Flow::Yield);
+                }
+            }
+            _ => compute::compute(line, op, &mut thread.stack)?,
+        }
+        Ok(Flow::On)
+    }
+
+    /// The instructions between threads.
+    fn schedule(
+        &mut self,
+        thread: &mut Thread,
+        line: usize,
+        op: &Op,
+        around: &mut Surroundings<'_>,
+    ) -> Result<Flow, ScriptError> {
+        match op {
             Op::Run(routine) => {
                 let handle = self.start_thread(line, *routine, around.cycle + 1)?;
                 thread.stack.push(handle);
@@ -280,21 +311,7 @@ impl Machine {
                 return Ok(Flow::Yield);
             }
             Op::EnterCritical => self.critical = Some(thread.id),
-            Op::ExitCritical => self.critical = None,
-            Op::Halt => return Ok(Flow::Ended),
-            Op::Missing(name) => return Err(ScriptError::NotSimulated { line, name }),
-            Op::Builtin(builtin, places) => {
-                let count = places.iter().flatten().count();
-                let arguments = thread.stack.split_off(thread.stack.len().saturating_sub(count));
-                let mut call = calls::Call { line, thread: thread.id, arguments: &arguments, places, around };
-                let (value, waiting) = call.run(*builtin)?;
-                thread.stack.push(value);
-                if let Some(waiting) = waiting {
-                    thread.waiting = waiting;
-                    return Ok(Flow::Yield);
-                }
-            }
-            _ => compute::compute(line, op, &mut thread.stack)?,
+            _ => self.critical = None,
         }
         Ok(Flow::On)
     }

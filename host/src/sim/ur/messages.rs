@@ -6,6 +6,7 @@
 
 use super::script::ScriptError;
 use super::streams::{ROBOT_MESSAGE, package};
+use super::{LINE_MAX, shorten};
 use std::collections::VecDeque;
 
 /// Messages that wait for streams that are slow.
@@ -23,12 +24,25 @@ pub(super) enum Message {
     Program { name: String, started: bool },
     /// `textmsg`.
     Text(String),
+    /// A popup of a program.
+    Popup(Popup),
     /// A protective stop.
     Stop { code: i32, why: String },
     /// Another safety mode.
     Safety { mode: i32 },
     /// A program cannot be loaded, or not go on.
     Script { line: i32, column: i32, text: String },
+}
+
+/// What `popup` shows.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Popup {
+    pub text: String,
+    pub title: String,
+    pub warning: bool,
+    pub error: bool,
+    /// The program waits until it is closed.
+    pub blocking: bool,
 }
 
 impl Message {
@@ -54,7 +68,17 @@ impl Message {
         match self {
             Self::Text(text) => {
                 content.extend(head(INTERPRETER, 0));
-                content.extend(text.bytes());
+                content.extend(shorten(text, LINE_MAX).bytes());
+            }
+            Self::Popup(popup) => {
+                content.extend(head(INTERPRETER, 2));
+                // Number and type of a request: none.
+                content.extend([0; 8]);
+                content.extend([popup.warning, popup.error, popup.blocking].map(u8::from));
+                let title = shorten(&popup.title, usize::from(u8::MAX));
+                content.push(title.len() as u8);
+                content.extend(title.bytes());
+                content.extend(shorten(&popup.text, LINE_MAX).bytes());
             }
             Self::Stop { code, why } => {
                 content.extend(head(ROBOT, 6));
@@ -62,7 +86,7 @@ impl Message {
                 for number in [*code, 0, VIOLATION, 0, 0] {
                     content.extend(number.to_be_bytes());
                 }
-                content.extend(why.bytes());
+                content.extend(shorten(why, LINE_MAX).bytes());
             }
             Self::Safety { mode } => {
                 content.extend(head(ROBOT, 5));
@@ -77,13 +101,13 @@ impl Message {
                 content.extend([0; 8]);
                 content.push(title.len() as u8);
                 content.extend(title.bytes());
-                content.extend(name.bytes());
+                content.extend(shorten(name, LINE_MAX).bytes());
             }
             Self::Script { line, column, text } => {
                 content.extend(head(INTERPRETER, 10));
                 content.extend(line.to_be_bytes());
                 content.extend(column.to_be_bytes());
-                content.extend(text.bytes());
+                content.extend(shorten(text, LINE_MAX).bytes());
             }
         }
         package(ROBOT_MESSAGE, &content)

@@ -37,7 +37,8 @@ pub(super) fn answer(names: &[u8], generation: Generation) -> Vec<u8> {
         }
     }
     let types = types.join(",");
-    let mut out = u16::try_from(types.len()).unwrap_or(0).to_be_bytes().to_vec();
+    // A list that is longer does not fit into a package either, which the session tells.
+    let mut out = u16::try_from(types.len()).unwrap_or(u16::MAX).to_be_bytes().to_vec();
     out.extend(types.bytes());
     if complete {
         out.extend(values);

@@ -262,16 +262,21 @@ impl Robot {
         Ok(())
     }
 
-    /// Ends a protective stop that is old enough. Without one, nothing happens.
+    /// Ends a protective stop that is old enough, as the teach pendant and the dashboard do. Without one, nothing happens.
     pub(super) fn unlock(&mut self) -> Result<(), Refusal> {
         match self.safety() {
             Safety::ProtectiveStop { since } if since < UNLOCK_AFTER => Err(Refusal::TooEarly),
-            Safety::RobotEmergencyStop | Safety::SystemEmergencyStop | Safety::Fault => Err(Refusal::State),
-            _ => {
-                self.protective = None;
-                Ok(())
-            }
+            _ => self.unlock_at_once(),
         }
+    }
+
+    /// Ends a protective stop of any age.
+    pub(super) fn unlock_at_once(&mut self) -> Result<(), Refusal> {
+        if !self.may_have_power() {
+            return Err(Refusal::State);
+        }
+        self.protective = None;
+        Ok(())
     }
 
     /// `robot_mode` of RTDE.

@@ -3,7 +3,8 @@
 //! Known: one `def` or `sec` with statements, and inside it functions with parameters and threads; `if`, `elif`, `else`,
 //! `while`, `break`, `continue`, `return`, `run`, `kill`, `join`, `halt`, critical sections; `global` and `local`; numbers,
 //! booleans, strings, lists of numbers, poses; arithmetic, comparisons, `and`, `or`, `xor`, `not`; the controller's functions
-//! in [`builtins`], with named arguments. Not known: structs, lists of lists, several `def` one after the other.
+//! in [`builtins`], with named arguments. Lines with `$`, which a saved program has for the teach pendant, are passed over. Not
+//! known: structs, lists of lists, several `def` one after the other.
 
 pub mod builtins;
 pub mod code;

@@ -274,6 +274,9 @@ impl Server {
             self.read();
             self.controller.step();
             self.write();
+            for told in self.controller.take_announced() {
+                self.orders.announce(self.ticks, &told);
+            }
             self.summary.cycles += 1;
             if let Some(record) = &mut self.record {
                 record.row(self.controller.last_cycle(), stalled)?;

@@ -8,7 +8,8 @@
 //!
 //! which is a second-order low-pass with natural frequency √K and damping L·√K/2; on a ramp r − q settles at L·ṙ. Around
 //! it: two cycles of transport, a limit on acceleration, the arm's limit on speed, and a protective stop on targets that
-//! no arm can follow. The joints follow the controller's target exactly: target_q and actual_q are the same.
+//! no arm can follow. With the speed slider below 1 the law runs in slowed time: its lag and its highest speed change with
+//! the slider. The joints follow the controller's target exactly: target_q and actual_q are the same.
 
 use screed_kernel::units::{JointAcc, JointPos, JointVel};
 
@@ -62,6 +63,8 @@ pub(super) struct Servo {
     pub(super) qdd: JointAcc<6>,
     /// Commands on their way, oldest first.
     transport: [Option<ServoCommand>; TRANSPORT_CYCLES],
+    /// The joints' speeds in slowed time, while the law runs.
+    slowed: Option<[f64; 6]>,
     /// The last target accepted and the seconds since it changed.
     last_target: Option<([f64; 6], f64)>,
 }
@@ -75,12 +78,14 @@ impl Servo {
             qd: JointVel::ZERO,
             qdd: JointAcc::ZERO,
             transport: [const { None }; TRANSPORT_CYCLES],
+            slowed: None,
             last_target: None,
         }
     }
 
-    /// Checks and queues what the program asks for in this cycle, and moves the joints by one cycle. No command: they brake.
-    pub(super) fn step(&mut self, command: Option<ServoCommand>) -> Result<(), TargetRefused> {
+    /// Checks and queues what the program asks for in this cycle, and moves the joints by one cycle, in which so much of a
+    /// cycle's time passes for them (`pace`, 0 to 1). No command: they brake.
+    pub(super) fn step(&mut self, command: Option<ServoCommand>, pace: f64) -> Result<(), TargetRefused> {
         let checked = self.check(command.as_ref());
         let accepted = if checked.is_ok() { command } else { None };
         self.transport.rotate_left(1);
@@ -89,7 +94,7 @@ impl Servo {
             None => accepted,
         };
         match effective {
-            Some(command) if checked.is_ok() => self.follow(&command),
+            Some(command) if checked.is_ok() => self.follow(&command, pace),
             _ => self.brake(BRAKING),
         }
         checked
@@ -140,19 +145,24 @@ impl Servo {
 
     /// Implicit Euler, stable for every gain and look-ahead: with the step's end values q' = q + h·q̇', q̇' = q̇ + h·q̈ in
     /// the law, q̈ = K·(r − q − (h + L)·q̇) / (1 + K·h·(h + L)).
-    fn follow(&mut self, command: &ServoCommand) {
+    fn follow(&mut self, command: &ServoCommand, pace: f64) {
         let (gain, lookahead) = (command.gain, command.lookahead);
-        let h = self.dt / f64::from(SUBSTEPS);
-        for joint in 0..6 {
-            let (mut q, mut qd, before) = (self.q.0[joint], self.qd.0[joint], self.qd.0[joint]);
+        let h = self.dt * pace / f64::from(SUBSTEPS);
+        let mut slowed =
+            self.slowed.unwrap_or_else(|| self.qd.0.map(|speed| if pace > 0.0 { speed / pace } else { 0.0 }));
+        for (joint, speed) in slowed.iter_mut().enumerate() {
+            let (mut q, mut qd, before) = (self.q.0[joint], *speed, self.qd.0[joint]);
             for _ in 0..SUBSTEPS {
                 let wanted = gain * (command.target[joint] - q - (h + lookahead) * qd);
                 let qdd = (wanted / (1.0 + gain * h * (h + lookahead))).clamp(-ACCELERATION_MAX, ACCELERATION_MAX);
                 qd = (qd + h * qdd).clamp(-self.speed_max.0[joint], self.speed_max.0[joint]);
                 q += h * qd;
             }
+            *speed = qd;
+            let qd = qd * pace;
             (self.q.0[joint], self.qd.0[joint], self.qdd.0[joint]) = (q, qd, (qd - before) / self.dt);
         }
+        self.slowed = Some(slowed);
     }
 
     /// Puts the joints where another model says they are.
@@ -160,16 +170,17 @@ impl Servo {
         for ((qdd, next), now) in self.qdd.0.iter_mut().zip(speeds).zip(self.qd.0) {
             *qdd = (next - now) / self.dt;
         }
-        (self.q.0, self.qd.0) = (joints, speeds);
+        (self.q.0, self.qd.0, self.slowed) = (joints, speeds, None);
     }
 
     /// The joints stand still where they are.
     pub(super) fn rest(&mut self) {
-        (self.qd, self.qdd) = (JointVel::ZERO, JointAcc::ZERO);
+        (self.qd, self.qdd, self.slowed) = (JointVel::ZERO, JointAcc::ZERO, None);
     }
 
     /// One cycle of braking, each joint by itself.
     pub(super) fn brake(&mut self, deceleration: f64) {
+        self.slowed = None;
         for joint in 0..6 {
             let before = self.qd.0[joint];
             let qd = before.signum() * (before.abs() - deceleration * self.dt).max(0.0);
@@ -204,7 +215,7 @@ mod tests {
             let step = 0.003;
             let mut highest: f64 = 0.0;
             for cycle in 1..=1500_u32 {
-                servo.step(Some(command(step, lookahead, gain))).expect("a small step");
+                servo.step(Some(command(step, lookahead, gain)), 1.0).expect("a small step");
                 let t = f64::from(cycle.saturating_sub(TRANSPORT_CYCLES as u32)) * DT;
                 let swing = (damped * t).cos() + damping * natural / damped * (damped * t).sin();
                 let expected = step * (1.0 - (-damping * natural * t).exp() * swing);
@@ -218,6 +229,35 @@ mod tests {
         }
     }
 
+    /// Slowed time is the same motion, later.
+    #[test]
+    fn at_half_the_pace_the_law_takes_twice_as_long() {
+        let path = |pace: f64, cycles: usize| {
+            let mut servo = Servo::new(RATED, JointPos::ZERO, DT);
+            let places = (0..cycles).map(|_| {
+                servo.step(Some(command(0.003, 0.1, 300.0)), pace).expect("a small step");
+                (servo.q.0[2], servo.qd.0[2])
+            });
+            places.collect::<Vec<_>>()
+        };
+        let (full, half) = (path(1.0, 300), path(0.5, 598));
+        for (cycle, (q, qd)) in full.iter().enumerate().skip(TRANSPORT_CYCLES) {
+            let (late_q, late_qd) = half[TRANSPORT_CYCLES + 2 * (cycle - TRANSPORT_CYCLES) + 1];
+            assert!((q - late_q).abs() < 5e-6 && (qd - 2.0 * late_qd).abs() < 1e-4, "cycle {cycle}: {q} and {late_q}");
+        }
+        let rest = path(0.0, 100);
+        assert!(rest.iter().all(|(q, qd)| (*q, *qd) == (0.0, 0.0)));
+        // On a ramp it lags by the look-ahead in slowed time.
+        let mut servo = Servo::new(RATED, JointPos::ZERO, DT);
+        for cycle in 1..=2000_u32 {
+            let target = 0.2 * f64::from(cycle) * DT;
+            servo.step(Some(command(target, 0.1, 300.0)), 0.5).expect("followable");
+            let lag = (target - servo.q.0[0]) / 0.2;
+            let expected = 0.1 / 0.5 + TRANSPORT_CYCLES as f64 * DT;
+            assert!(cycle < 1500 || (lag - expected).abs() < DT, "{lag} s, expected {expected} s");
+        }
+    }
+
     #[test]
     fn acceleration_and_speed_stay_within_the_limits() {
         let mut servo = Servo::new(RATED, JointPos::ZERO, DT);
@@ -226,7 +266,7 @@ mod tests {
         for cycle in 1..=1000_u32 {
             // The arm's speed in joints 3 to 6, nearly the margin's too much in joints 1 and 2.
             let target = f64::from(cycle) * DT * 2.2;
-            servo.step(Some(command(target, 0.03, 2000.0))).expect("just followable");
+            servo.step(Some(command(target, 0.03, 2000.0)), 1.0).expect("just followable");
             for ((now, before), limit) in servo.qd.0.iter().zip(&speed).zip(&RATED.0) {
                 assert!((now - before).abs() <= ACCELERATION_MAX * DT * (1.0 + 1e-9));
                 assert!(now.abs() <= *limit);
@@ -247,7 +287,7 @@ mod tests {
     fn what_no_arm_can_follow_is_refused() {
         let refused = |targets: &[f64]| {
             let mut servo = Servo::new(RATED, JointPos::ZERO, DT);
-            targets.iter().find_map(|target| servo.step(Some(command(*target, 0.1, 300.0))).err())
+            targets.iter().find_map(|target| servo.step(Some(command(*target, 0.1, 300.0)), 1.0).err())
         };
         assert_eq!(refused(&[0.004, 0.008, 0.012]), None);
         assert!(refused(&[0.004, 0.008, 0.02]).is_some());

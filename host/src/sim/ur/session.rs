@@ -10,6 +10,7 @@ use super::fields::{Snapshot, Source, output};
 use super::inputs::{Fieldbus, InputValues, Wishes};
 use super::properties;
 use super::robot::Generation;
+use super::shorten;
 use crate::link::rtde::TextLevel;
 use crate::link::rtde::wire::{
     Deframer, FieldType, HEADER_LEN, PACKAGE_MAX, PackageKind, PayloadReader, Protocol, TEXT_MAX, list_entries,
@@ -125,6 +126,8 @@ pub(super) struct Session {
     quiet: u32,
     /// To be told once data flows.
     greeting: Option<String>,
+    /// What the controller's log has to have of it.
+    complaints: Vec<String>,
     /// The last cycle that has begun, and the last one that left nothing unsent.
     cycle: u64,
     drained: u64,
@@ -147,6 +150,7 @@ impl Session {
             started: false,
             quiet: 0,
             greeting: None,
+            complaints: Vec::new(),
             cycle: 0,
             drained: 0,
             silent_until: 0,
@@ -163,6 +167,16 @@ impl Session {
     /// Whether the client asked for data, or for its inputs to be read.
     pub(super) const fn is_started(&self) -> bool {
         self.started
+    }
+
+    /// Whether data is sent, or will be.
+    pub(super) const fn is_streaming(&self) -> bool {
+        self.started && self.outputs.is_some()
+    }
+
+    /// What the controller's log has to have of it since this was last asked.
+    pub(super) fn take_complaints(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.complaints)
     }
 
     /// The controller gives it up.
@@ -258,6 +272,10 @@ impl Session {
             // At least 1, for the rate is at most the full one; a rate that is no divisor is served by the next faster one.
             self.outputs = Some(OutputRecipe { id, fields, divisor: (full / rate) as u64 });
         }
+        if complete && !fits {
+            let most = PACKAGE_MAX - HEADER_LEN - 1;
+            self.send_text(TextLevel::Error, &format!("Outputs of {size} bytes; a data package holds {most}"));
+        }
         if !rate_possible {
             self.send_text(TextLevel::Error, &format!("Output frequency {rate} Hz is not within 0 to {full} Hz"));
         }
@@ -283,6 +301,12 @@ impl Session {
         let complete = !fields.is_empty() && fields.len() == types.len();
         // Counted from 1 on each connection, apart from the outputs': some clients do not read the answer's id.
         let id = u8::try_from(self.inputs.len() + 1).ok().filter(|_| complete);
+        if complete && id.is_none() {
+            self.send_text(
+                TextLevel::Error,
+                &format!("Input recipe refused: a connection has at most {} of them", u8::MAX),
+            );
+        }
         if let Some(id) = id {
             for (place, _) in &fields {
                 if let Some(owner) = exchange.owners.get_mut(*place) {
@@ -304,8 +328,15 @@ impl Session {
         if reader.rest().len() != size {
             return self.wrong_size(PackageKind::Data);
         }
-        if !recipe.fields.iter().all(|(place, _)| exchange.is_owned_by(*place, self.id)) {
-            return self.send_text(TextLevel::Error, "Input data for registers that a fieldbus has taken: ignored");
+        if let Some((place, _)) = recipe.fields.iter().find(|(place, _)| !exchange.is_owned_by(*place, self.id)) {
+            let told = match exchange.owners.get(*place) {
+                Some(Some(owner)) if *owner == FIELDBUS => {
+                    "Input data for registers that a fieldbus has taken: ignored"
+                }
+                Some(Some(_)) => "Input data for registers that another client has taken: ignored",
+                _ => "Input data for registers that a fieldbus had taken: ignored until the recipe is set up again",
+            };
+            return self.send_text(TextLevel::Error, told);
         }
         for (place, field_type) in &recipe.fields {
             if let Some(value) = reader.bytes(field_type.size()) {
@@ -382,7 +413,7 @@ impl Session {
     }
 
     pub(super) fn send_text(&mut self, level: TextLevel, message: &str) {
-        let (message, source) = (shorten(message), "Screed simulated controller");
+        let (message, source) = (shorten(message, TEXT_MAX), "Screed simulated controller");
         let mut payload = Vec::new();
         if self.protocol == 1 {
             payload.push(level.code());
@@ -405,12 +436,20 @@ impl Session {
         if self.cycle < self.silent_until {
             return;
         }
-        // A package that its size field cannot hold, or a client that does not read.
-        let size = u16::try_from(HEADER_LEN + payload.len()).ok();
-        let Some(size) = size.filter(|_| self.outbox.len() + payload.len() <= BACKLOG_MAX) else {
+        let Ok(size) = u16::try_from(HEADER_LEN + payload.len()) else {
+            let told = format!(
+                "No answer to a package of type {}: its {} bytes are more than a package's {PACKAGE_MAX}",
+                char::from(code),
+                HEADER_LEN + payload.len()
+            );
+            self.send_text(TextLevel::Error, &told);
+            return self.complaints.push(told);
+        };
+        // A client that does not read.
+        if self.outbox.len() + payload.len() > BACKLOG_MAX {
             self.open = false;
             return;
-        };
+        }
         self.outbox.extend(size.to_be_bytes());
         self.outbox.push(code);
         self.outbox.extend(payload);
@@ -424,13 +463,4 @@ impl Session {
         }
         count
     }
-}
-
-/// The start of a text, cut between characters to what a text package can hold.
-fn shorten(text: &str) -> &str {
-    let mut end = text.len().min(TEXT_MAX);
-    while !text.is_char_boundary(end) {
-        end -= 1;
-    }
-    text.get(..end).unwrap_or("")
 }

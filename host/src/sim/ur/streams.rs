@@ -2,9 +2,11 @@
 //! Everything is big-endian.
 //!
 //! Layouts after the maker's "Client interfaces" (5.10 and 3.15) and the primary client of the
-//! Universal_Robots_Client_Library (`src/primary`): robot mode, joints, tool, main board, Cartesian, force mode, additional
-//! information, and once for each client configuration and kinematics; messages on 30001 as they come. A client that does
-//! not read misses whole packages; programs that only upload never do, and must not be cut for it.
+//! Universal_Robots_Client_Library (`src/primary`): robot mode, joints, Cartesian, main board, tool, force mode, additional
+//! information, on an e-Series communication and modes of the tool, and once for each client kinematics, calibration and
+//! configuration, in the order of the state that the library's `tests/test_primary_parser.cpp` has from a controller (which
+//! has the maker's own safety data beside them, not documented); messages on 30001 as they come. A client that does not
+//! read misses whole packages; programs that only upload never do, and must not be cut for it.
 
 use super::RuntimeState;
 use super::fields::{Snapshot, TEMPERATURE, VOLTAGE};
@@ -136,18 +138,35 @@ fn version(scene: &Scene<'_>) -> Vec<u8> {
 fn robot_state(scene: &Scene<'_>, with_kinematics: bool) -> Vec<u8> {
     let mut content = package(0, &robot_mode(scene));
     content.extend(package(1, &joints(scene)));
-    content.extend(package(2, &tool(scene)));
-    content.extend(package(3, &main_board(scene)));
     content.extend(package(4, &cartesian(scene)));
     if with_kinematics {
-        content.extend(package(6, &configuration(scene)));
         content.extend(package(5, &kinematics(scene.arm)));
+        // The force sensor's calibration: there is no sensor.
+        content.extend(package(9, &[0; 6 * 8]));
+    }
+    content.extend(package(3, &main_board(scene)));
+    content.extend(package(2, &tool(scene)));
+    if with_kinematics {
+        content.extend(package(6, &configuration(scene)));
     }
     // Wrench of the force mode and dexterity, which the simulation has not.
     content.extend(package(7, &[0; 7 * 8]));
     // Teach pendant's button, freedrive by button and by input: none.
     content.extend(package(8, &[0; 4]));
+    if scene.generation == Generation::ESeries {
+        content.extend(package(11, &tool_communication()));
+        // The output of the tool: sinking by pins (0), both of them (1).
+        content.extend(package(12, &[0, 1, 1]));
+    }
     package(ROBOT_STATE, &content)
+}
+
+/// The tool's serial line, not in use, with its defaults: 115,200 baud, no parity, 1 stop bit, idle for 1.5 and 3.5 characters.
+fn tool_communication() -> Vec<u8> {
+    let mut out = vec![0];
+    out.extend([115_200_u32, 0, 1].iter().flat_map(|number| number.to_be_bytes()));
+    put_single(&mut out, &[1.5, 3.5]);
+    out
 }
 
 fn robot_mode(scene: &Scene<'_>) -> Vec<u8> {
@@ -418,17 +437,20 @@ mod tests {
         assert_eq!(first.iter().map(|(kind, _)| *kind).collect::<Vec<_>>(), [ROBOT_MESSAGE, ROBOT_STATE]);
         assert_eq!(first[0].1[9..20], *b"\x03\x09URControl");
         let parts = packages(first[1].1);
-        assert_eq!(parts.iter().map(|(kind, _)| *kind).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 6, 5, 7, 8]);
-        // Sizes with the header of 5, as on the client interface's page.
+        assert_eq!(parts.iter().map(|(kind, _)| *kind).collect::<Vec<_>>(), [0, 1, 4, 5, 9, 3, 2, 6, 7, 8, 11, 12]);
+        // Sizes with the header of 5, as on the client interface's page and of the maker's own dump of a state.
         let sizes: Vec<usize> = parts.iter().map(|(_, content)| content.len() + 5).collect();
-        assert_eq!(sizes, [47, 251, 37, 75, 101, 445, 225, 61, 9]);
+        assert_eq!(sizes, [47, 251, 101, 225, 53, 75, 37, 445, 61, 9, 26, 8]);
+        let communication =
+            [&[0, 0, 1, 0xc2, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0x3f, 0xc0, 0, 0, 0x40, 0x60, 0, 0][..], &[0, 1, 1]];
+        assert_eq!([parts[10].1, parts[11].1], communication);
         // Power off.
         assert_eq!(parts[0].1[8 + 7], 3);
-        let kinematics = parts[6].1;
+        let kinematics = parts[3].1;
         assert_eq!(double(kinematics, 24 + 48 + 8), UR10E.dh[1].a);
         assert_eq!(double(kinematics, 24 + 96), UR10E.dh[0].d);
         assert!((double(kinematics, 24 + 144) - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
         let later = packages(&seen[9]);
-        assert_eq!(packages(later[0].1).len(), 7);
+        assert_eq!(packages(later[0].1).len(), 9);
     }
 }

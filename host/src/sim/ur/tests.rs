@@ -4,6 +4,7 @@ mod faults;
 mod foreign;
 mod kinematics;
 mod lag;
+mod limits;
 mod table;
 mod wire;
 

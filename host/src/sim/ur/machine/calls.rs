@@ -5,6 +5,7 @@ use super::{Notice, Surroundings, Waiting, WatchdogRequest};
 use crate::link::rtde::fields::REGISTERS;
 use crate::link::rtde::program::{GAIN_RANGE, LOOKAHEAD_RANGE, WatchdogAction};
 use crate::sim::ur::body::{Goal, Motion};
+use crate::sim::ur::messages::Popup;
 use crate::sim::ur::numbers;
 use crate::sim::ur::script::ScriptError;
 use crate::sim::ur::script::builtins::Builtin;
@@ -53,9 +54,11 @@ impl Call<'_, '_> {
                 Ok((Value::Nothing, Some(Waiting::Until(self.cycle_after(time)))))
             }
             Builtin::Popup => {
-                let text = self.value(0).map(ToString::to_string).unwrap_or_default();
-                let blocking = self.value(4).map_or(Ok(false), |value| boolean(self.line, value))?;
-                self.around.notices.push(Notice::Popup { text, blocking });
+                let text = |place| self.value(place).map(ToString::to_string);
+                let (text, title) = (text(0).unwrap_or_default(), text(1).unwrap_or_else(|| "Popup".to_owned()));
+                let flag = |place| self.value(place).map_or(Ok(false), |value| boolean(self.line, value));
+                let (warning, error, blocking) = (flag(2)?, flag(3)?, flag(4)?);
+                self.around.notices.push(Notice::Popup(Popup { text, title, warning, error, blocking }));
                 Ok((Value::Nothing, blocking.then_some(Waiting::Until(self.around.cycle + 1))))
             }
             Builtin::ProtectiveStop => {
@@ -282,7 +285,7 @@ impl Call<'_, '_> {
         let lookahead = self.number_or(4, 0.1, LOOKAHEAD_RANGE)?;
         let gain = self.number_or(5, 300.0, GAIN_RANGE)?;
         // Shorter than a cycle is a cycle.
-        let until = self.cycle_after(time);
+        let until = self.cycle_after(self.around.body.stretched(time));
         let command = ServoCommand { target, time: time.max(period), lookahead, gain };
         self.begin(Motion::Servo { command, until })?;
         Ok((Value::Nothing, Some(Waiting::Until(until))))
@@ -318,7 +321,7 @@ impl Call<'_, '_> {
         let target = self.list(0)?;
         let acceleration = self.number_or(1, SPEEDJ_DEFAULT, [f64::MIN_POSITIVE, f64::MAX])?;
         let time = self.number_or(2, 0.0, [0.0, TIME_MAX])?;
-        let until = (time > 0.0).then(|| self.cycle_after(time));
+        let until = (time > 0.0).then(|| self.cycle_after(self.around.body.stretched(time)));
         self.begin(Motion::Speed { target, of_tool, acceleration, until })?;
         Ok((Value::Nothing, Some(until.map_or(Waiting::Motion, Waiting::Until))))
     }
@@ -383,7 +386,8 @@ impl Call<'_, '_> {
         let name = text(self.argument(0)?)?;
         let frequency = self.number_in(1, [f64::MIN_POSITIVE, self.around.cycles_per_second])?;
         let action = self.value(2).map_or(Ok("pause".to_owned()), text)?;
-        let action = match action.as_str() {
+        // The maker's own programs write it in capitals.
+        let action = match action.to_ascii_lowercase().as_str() {
             "ignore" => WatchdogAction::Ignore,
             "pause" => WatchdogAction::Pause,
             "stop" => WatchdogAction::Stop,

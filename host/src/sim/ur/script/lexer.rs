@@ -40,6 +40,10 @@ pub(super) fn tokens(text: &str) -> Result<Vec<(usize, Token)>, ScriptError> {
 
 fn tokens_of_line(line: usize, text: &str, found: &mut Vec<(usize, Token)>) -> Result<(), ScriptError> {
     let mut rest = text.trim_start();
+    // A line that names what the teach pendant highlights, in programs that it has saved.
+    if rest.starts_with('$') {
+        return Ok(());
+    }
     while let Some(first) = rest.chars().next() {
         if first == '#' {
             break;

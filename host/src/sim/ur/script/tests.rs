@@ -340,3 +340,11 @@ fn threads_are_killed_joined_and_kept_out_of_critical_sections() {
     // Five cycles before the critical section, ten while the short thread slept; one thread may run before the other.
     assert!((14..=17).contains(&stage.outputs.int(1)), "{}", stage.outputs.int(1));
 }
+
+#[test]
+fn lines_for_the_teach_pendant_are_passed_over_and_keep_their_numbers() {
+    let saved = |call| format!("def saved():\n  $ 1 \"Robot Program\"\n  $ 2 \"if (x ≟ 1\"\n  {call}\nend\n");
+    assert!(parse(&saved("x = 1")).is_ok());
+    assert_eq!(parse(&saved("nothing()")).expect_err("unknown").line(), 4);
+    assert!(parse("def a():\n  x = $ 1\nend\n").is_err());
+}

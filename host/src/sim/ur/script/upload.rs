@@ -48,7 +48,8 @@ impl Upload {
         // A line that is no script is judged with its program, which then has a place to name.
         let change = depth_change(line).unwrap_or(0);
         let outside = self.depth == 0;
-        let opens = outside && ["def", "sec"].iter().any(|word| line.trim_start().starts_with(word));
+        let first = line.trim_start().split(|c: char| !c.is_ascii_alphanumeric() && c != '_').next();
+        let opens = outside && matches!(first, Some("def" | "sec"));
         if outside && !opens {
             if change == 0 && !is_blank(line) {
                 self.programs.push(format!("def unnamed(): {line}\nend\n"));
@@ -77,7 +78,7 @@ impl Upload {
 
 fn is_blank(line: &str) -> bool {
     let text = line.trim();
-    text.is_empty() || text.starts_with('#')
+    text.is_empty() || text.starts_with(['#', '$'])
 }
 
 #[cfg(test)]
@@ -98,6 +99,16 @@ mod tests {
             }
             assert_eq!(found, [PROGRAM, "def unnamed(): stopj(2)\nend\n", PROGRAM], "{chunk} bytes at once");
         }
+    }
+
+    #[test]
+    fn a_word_that_only_begins_as_a_block_does_is_a_line_by_itself() {
+        let mut upload = Upload::default();
+        upload.handle_bytes(b"sector = 1\ndefault(2)\ndef_x()\nsec s():\nend\ndef\ta(): x = 1 end\n");
+        let lines = ["sector = 1", "default(2)", "def_x()"].map(|line| format!("def unnamed(): {line}\nend\n"));
+        let found = upload.take_programs();
+        assert_eq!(found[..3], lines);
+        assert_eq!(found[3..], ["sec s():\nend\n", "def\ta(): x = 1 end\n"]);
     }
 
     #[test]

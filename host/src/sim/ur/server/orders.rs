@@ -2,8 +2,14 @@
 
 use super::SimError;
 use crate::sim::ur::act::{Act, Fault};
+use crate::sim::ur::shorten;
 use std::io::{self, BufRead, Write};
 use std::sync::mpsc::{Receiver, channel};
+
+/// Lines on the standard error output, and how long each is (bytes): together less than a pipe holds that nobody reads, for a
+/// full one would stop the clock.
+const SAID_MAX: u32 = 200;
+const SAID_LEN: usize = 240;
 
 /// What is still to be done.
 pub(super) struct Orders {
@@ -11,6 +17,8 @@ pub(super) struct Orders {
     faults: Vec<(u64, Fault)>,
     lines: Option<Receiver<String>>,
     json: bool,
+    /// Lines said so far.
+    said: u32,
 }
 
 impl Orders {
@@ -34,7 +42,7 @@ impl Orders {
             });
             receiver
         });
-        Self { faults, lines, json }
+        Self { faults, lines, json, said: 0 }
     }
 
     /// The next act to be done in this cycle, if any, and how it was written; a line that is none is told.
@@ -60,6 +68,23 @@ impl Orders {
             return say(&serde_json::json!({"cycle": cycle, "act": act, "done": done}).to_string());
         }
         say(&format!("cycle {cycle}: {act} {}", if done { "done" } else { "refused in this state" }))
+    }
+
+    /// Says, on the standard error output, why a program stopped or was refused. The standard output answers who asked.
+    pub(super) fn announce(&mut self, cycle: u64, told: &str) {
+        self.said = self.said.saturating_add(1);
+        let told = match self.said {
+            ..SAID_MAX => shorten(told, SAID_LEN),
+            SAID_MAX => "more is told to the clients only",
+            _ => return,
+        };
+        let line = if self.json {
+            serde_json::json!({"cycle": cycle, "told": told}).to_string()
+        } else {
+            format!("cycle {cycle}: {told}")
+        };
+        // Nobody may be listening; the log and the clients have it too.
+        let _ = writeln!(io::stderr(), "{line}");
     }
 
     fn say(&self, sentence: &str, key: &str, value: &str) -> Result<(), SimError> {

@@ -2,12 +2,13 @@
 //! (RTDE_Python_Client_Library, `rtde/rtde.py`) and UR's C++ client library (`src/rtde`, `tests/test_rtde_client.cpp`,
 //! `tests/test_dashboard_client_g5.cpp`, `tests/test_primary_client.cpp`).
 
-use super::wire::{START, Wire, double, int};
+use super::wire::{IDLE, START, Wire, double, int};
 use crate::sim::ur::dashboard;
 use crate::sim::ur::robot::Generation;
 use crate::sim::ur::script::upload::Upload;
 use crate::sim::ur::streams::{Port, Stream};
-use screed_kernel::arms::ur::UR10E;
+use screed_kernel::arms::ur::{UR5E, UR10E};
+use screed_kernel::units::JointPos;
 
 /// A client that looks at the newest package only takes a start for refused if data has overtaken its answer; it then waits
 /// for a time stamp of 40 s, pauses, sets its inputs up, and starts again.
@@ -227,7 +228,7 @@ fn the_librarys_dashboard_conversations_go_as_its_tests_want_them() {
 }
 
 /// Hands the controller what a client sends to port 30001.
-fn upload(wire: &mut Wire, text: &str) {
+pub fn upload(wire: &mut Wire, text: &str) {
     let mut upload = Upload::default();
     upload.handle_bytes(text.as_bytes());
     for program in upload.take_programs() {
@@ -320,9 +321,174 @@ fn port_30001_obeys_commands_and_tells_of_programs() {
     assert_eq!((mode.len(), mode[8]), (17, 3));
     // Level: a violation.
     assert_eq!(int(&stop.1, 8), 3);
-    upload(wire, "set unlock protective stop\n");
-    assert_eq!(dashboard::answer("safetymode", &mut wire.controller), "Safetymode: PROTECTIVE_STOP", "too early");
-    wire.run(2500);
+    // Here at once, on the dashboard after five seconds.
+    let early = dashboard::answer("unlock protective stop", &mut wire.controller);
+    assert!(early.starts_with("Cannot unlock protective stop until 5s"), "{early}");
     upload(wire, "set unlock protective stop\n");
     assert_eq!(dashboard::answer("safetymode", &mut wire.controller), "Safetymode: NORMAL");
+}
+
+/// Protective stop, program running, program paused, as the newest robot state of port 30001 has them.
+fn program_bits(wire: &mut Wire, stream: &mut Stream) -> [bool; 3] {
+    let mut found = None;
+    let rate = wire.controller.generation().cycle_rate();
+    for _ in 0..rate / 5 {
+        wire.controller.step();
+        wire.controller.feed(stream);
+        let mut bytes = vec![0; 100_000];
+        let count = stream.poll_transmit(&mut bytes);
+        let mut rest = &bytes[..count];
+        while let [a, b, c, d, kind, ..] = *rest {
+            let size = u32::from_be_bytes([a, b, c, d]) as usize;
+            // The first part of a state: its size and type, the time stamp, four other bits.
+            found = if kind == 16 { Some([rest[22], rest[23], rest[24]].map(|bit| bit == 1)) } else { found };
+            rest = &rest[size..];
+        }
+    }
+    found.expect("ten states a second")
+}
+
+/// `sendScriptBlocking` of the library: it waits for the program's end, and after an error stops the program, unlocks at
+/// once and sends the next one.
+#[test]
+fn a_script_that_fails_is_stopped_and_unlocked_and_the_next_one_runs() {
+    for generation in [Generation::ESeries, Generation::Cb3] {
+        let wire = &mut Wire::new(generation);
+        let mut stream = Stream::new(Port::Primary);
+        messages(wire, &mut stream, 1);
+        let part = "def script_1764180000000():\n  textmsg(\"still running\")\n  sleep(0.1)\n  sync()\nend\n\n";
+        let ends = |told: &[(u8, Vec<u8>)]| told.iter().any(|(_, text)| text.ends_with(b"STOPPEDscript_1764180000000"));
+        upload(wire, part);
+        assert!(ends(&messages(wire, &mut stream, 200)));
+        upload(wire, "sec test_sec():\n  textmsg(\"Still running\")\nend\n\n");
+        assert_eq!(messages(wire, &mut stream, 5), [(0, b"Still running".to_vec())]);
+        for bad in ["def script_1():\n  protective_stop()\nend\n", "def script_2():\n  movel(p[0,0,0,0,0,0])\nend\n"] {
+            upload(wire, bad);
+            assert!(messages(wire, &mut stream, 3000).iter().any(|(kind, _)| *kind == 6), "{bad}");
+            assert_eq!(program_bits(wire, &mut stream), [true, false, true]);
+            upload(wire, "stop program\n\n");
+            assert_eq!(program_bits(wire, &mut stream), [true, false, false]);
+            upload(wire, part);
+            assert!(!ends(&messages(wire, &mut stream, 200)), "not while it is stopped");
+            upload(wire, "set unlock protective stop\n");
+            assert_eq!(program_bits(wire, &mut stream), [false; 3]);
+            upload(wire, part);
+            assert!(ends(&messages(wire, &mut stream, 200)));
+        }
+    }
+}
+
+/// The library's `rtde_roundtrip` example: a program that turns inputs into outputs, and a client that checks each.
+#[test]
+fn a_program_answers_registers_in_the_cycle_in_which_they_come() {
+    let wire = &mut Wire::new(Generation::ESeries);
+    let mirror = "def rtde_register_mirror():\n  while (True):\n    write_output_boolean_register(64, not \
+                  read_input_boolean_register(64))\n    write_output_integer_register(24, \
+                  read_input_integer_register(24) + 1)\n    write_output_float_register(24, -1.0 * \
+                  read_input_float_register(24))\n    sync()\n  end\nend\n";
+    upload(wire, mirror);
+    wire.protocol(2);
+    let outputs = "timestamp,runtime_state,output_bit_register_64,output_int_register_24,output_double_register_24";
+    assert_eq!(wire.outputs(outputs, 500.0).1, "DOUBLE,UINT32,BOOL,INT32,DOUBLE");
+    let inputs = wire.inputs("input_bit_register_64,input_int_register_24,input_double_register_24");
+    assert_eq!(inputs, (1, "BOOL,INT32,DOUBLE".to_owned()));
+    wire.start();
+    wire.run(10);
+    for counter in 1..200_i32 {
+        let sine = (f64::from(counter) * 0.01).sin();
+        let mut package = vec![1, u8::from(counter % 2 == 0)];
+        package.extend(counter.to_be_bytes());
+        package.extend(sine.to_be_bytes());
+        wire.send(b'U', &package);
+        let found = wire.next();
+        assert_eq!((int(&found, 8), found[12], int(&found, 13)), (2, u8::from(counter % 2 != 0), counter + 1));
+        assert_eq!(double(&found, 17), -sine);
+    }
+}
+
+/// A name that is none is told in its place; the library then asks again without it, or gives up and connects anew.
+#[test]
+fn a_wrong_name_is_told_by_its_place_and_the_connection_goes_on() {
+    let mut wire = Wire::new(Generation::ESeries);
+    // Before any protocol is agreed: protocol 1.
+    assert_eq!(wire.ask(b'v', &[]).len(), 16);
+    assert_eq!(wire.outputs("timestamp,i_do_not_exist,actual_q", 500.0).1, "DOUBLE,NOT_FOUND,VECTOR6D");
+    assert_eq!(wire.ask(b'V', &3_u16.to_be_bytes()), [0]);
+    wire.protocol(2);
+    assert_eq!(wire.outputs("timestamp,unknown,actual_q", 500.0), (0, "DOUBLE,NOT_FOUND,VECTOR6D".into()));
+    assert_eq!(wire.ask(b'S', &[]), [0], "nothing to send");
+    assert_ne!(wire.outputs("timestamp,actual_q", 500.0).0, 0);
+    assert_eq!(wire.inputs("speed_slider_mask,i_do_not_exist"), (0, "UINT32,NOT_FOUND".into()));
+    // What was refused is nobody's.
+    let other = wire.controller.connect();
+    let first = std::mem::replace(&mut wire.client, other);
+    assert_ne!(wire.inputs("speed_slider_mask,speed_slider_fraction").0, 0);
+    wire.client = first;
+    assert_eq!(wire.inputs("speed_slider_mask,speed_slider_fraction"), (0, "IN_USE,IN_USE".into()));
+    wire.controller.disconnect(other);
+    assert_ne!(wire.inputs("speed_slider_mask,speed_slider_fraction").0, 0);
+    wire.start();
+    wire.run(20);
+    assert!(double(&wire.next(), 0) > 41.0);
+    // Asked for once more while data flows: the newest list holds.
+    wire.send(b'O', &[&500.0_f64.to_be_bytes()[..], b"actual_q,timestamp"].concat());
+    assert_eq!(wire.packages()[0].0, b'O');
+    assert!(double(&wire.next(), 48) > 41.0);
+}
+
+#[test]
+fn port_30001_tells_of_a_programs_popup() {
+    let wire = &mut Wire::new(Generation::ESeries);
+    let mut stream = Stream::new(Port::Primary);
+    messages(wire, &mut stream, 1);
+    upload(wire, "def a():\n  popup(\"look\", title=\"Door\", error=True, blocking=True)\n  sleep(1)\nend\n");
+    let told = messages(wire, &mut stream, 3);
+    assert_eq!(told.last(), Some(&(2, b"\0\0\0\0\0\0\0\0\0\x01\x01\x04Doorlook".to_vec())));
+    assert_eq!(wire.controller.popup(), Some("look"));
+}
+
+/// UR's `example_control_loop.py` and the program that it comes with, here from the controller's disk.
+#[test]
+fn the_python_clients_control_loop_moves_the_robot_to_and_fro() {
+    for generation in [Generation::ESeries, Generation::Cb3] {
+        let start = JointPos([0.0, -1.57, -1.57, -1.57, 1.57, 0.0]);
+        let wire = &mut Wire::of(&UR5E, start, generation, IDLE);
+        wire.protocol(2);
+        wire.outputs("target_q,target_qd,output_int_register_0", 125.0);
+        let registers: Vec<String> = (0..6).map(|register| format!("input_double_register_{register}")).collect();
+        assert_eq!((wire.inputs(&registers.join(",")).0, wire.inputs("input_int_register_0").0), (1, 2));
+        wire.start();
+        say(
+            wire,
+            &[
+                ("load rtde_control_loop.urp", "Loading program: rtde_control_loop.urp"),
+                ("play", "Starting program"),
+                ("programState", "PLAYING rtde_control_loop.urp"),
+            ],
+        );
+        let poses = [[-0.12, -0.43, 0.14, 0.0, 3.11, 0.04], [-0.12, -0.51, 0.21, 0.0, 3.11, 0.04_f64]];
+        let (mut moving, mut done, mut kick) = (false, 0, 0);
+        for _ in 0..60 * 125 {
+            for state in wire.run(generation.cycle_rate() as usize / 125) {
+                let asked = int(&state, 96) == 1;
+                if !moving && asked {
+                    let pose = poses[done % 2].iter().flat_map(|value| value.to_be_bytes());
+                    wire.send(b'U', &[vec![1], pose.collect()].concat());
+                    (moving, kick) = (true, 1);
+                } else if moving && !asked {
+                    let place = wire.controller.body.base_from_tcp().translation;
+                    assert!((0..3).all(|axis| (place[axis] - poses[done % 2][axis]).abs() < 1e-9), "{place}");
+                    (moving, kick, done) = (false, 0, done + 1);
+                }
+                wire.send(b'U', &[2, 0, 0, 0, kick]);
+            }
+            if done == 4 {
+                break;
+            }
+        }
+        assert_eq!(done, 4, "{:?}", wire.controller.program_fault());
+        // Nobody kicks its watchdog of 1 Hz: it is held.
+        wire.run(3 * generation.cycle_rate() as usize / 2);
+        say(wire, &[("programState", "PAUSED rtde_control_loop.urp")]);
+    }
 }
