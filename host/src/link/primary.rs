@@ -176,11 +176,9 @@ impl Primary {
                 let kind = reader.u8()?;
                 Some((kind, reader.bytes(size.checked_sub(HEADER_LEN)?)?))
             };
-            match part().ok_or_else(|| malformed("parts"))? {
-                (KINEMATICS, part) => {
-                    self.kinematics = Some(kinematics(part).ok_or_else(|| malformed("kinematics"))?);
-                }
-                _ => {}
+            let (kind, part) = part().ok_or_else(|| malformed("parts"))?;
+            if kind == KINEMATICS {
+                self.kinematics = Some(kinematics(part).ok_or_else(|| malformed("kinematics"))?);
             }
         }
         Ok(())
