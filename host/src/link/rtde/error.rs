@@ -15,14 +15,14 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum LinkError {
     /// The wanted rate is none that a controller serves evenly.
-    #[error("RTDE rate of {rate_hz} Hz: set rate_hz to 125 or 500")]
+    #[error("RTDE rate of {rate_hz} Hz; set rate_hz to 125 or 500")]
     BadRate {
         /// As configured (Hz).
         rate_hz: u32,
     },
     /// The wanted register offset is none that RTDE has.
     #[error(
-        "RTDE register offset {offset}: set register_offset to 0, or to 24 where a fieldbus owns the lower registers"
+        "RTDE register offset {offset}; set register_offset to 0, or to 24 where a fieldbus owns the lower registers"
     )]
     BadOffset {
         /// As configured.
@@ -40,7 +40,7 @@ pub enum LinkError {
     },
     /// The controller speaks neither protocol.
     #[error(
-        "the controller refuses RTDE protocols 2 and 1: not a version that Screed speaks; update the controller, or Screed"
+        "the controller refuses RTDE protocols 2 and 1, which Screed speaks; update the controller, or Screed"
     )]
     ProtocolRefused,
     /// The controller's cycle is slower than the wanted rate.
@@ -95,10 +95,10 @@ pub enum LinkError {
         found: ShortText<20>,
     },
     /// The controller does not start sending.
-    #[error("the controller refuses to start sending: restart its RTDE service or the controller")]
+    #[error("the controller refuses to start sending; restart its RTDE service or the controller")]
     StartRefused,
     /// A package's size cannot be true for its type.
-    #[error("a {kind} package says {size} bytes, {min} to {max} are possible: the byte stream is corrupt, reconnect")]
+    #[error("a {kind} package says {size} bytes, {min} to {max} are possible: the byte stream is corrupt; reconnect")]
     BadSize {
         /// Type by its header.
         kind: PackageKind,
@@ -111,14 +111,14 @@ pub enum LinkError {
     },
     /// A type byte that the protocol does not have.
     #[error(
-        "package type {code:#04x} does not exist: the byte stream is corrupt or the peer is no RTDE server, reconnect"
+        "package type {code:#04x} does not exist: the byte stream is corrupt or the peer is no RTDE server; check address and port, reconnect"
     )]
     UnknownPackage {
         /// The type byte.
         code: u8,
     },
     /// A package that cannot come now.
-    #[error("a {kind} package while {phase}: the byte stream is corrupt or the peer is no RTDE server, reconnect")]
+    #[error("a {kind} package while {phase}: the byte stream is corrupt or the peer is no RTDE server; check address and port, reconnect")]
     UnexpectedPackage {
         /// Its type.
         kind: PackageKind,
@@ -126,7 +126,7 @@ pub enum LinkError {
         phase: Phase,
     },
     /// Data for a recipe that was not agreed.
-    #[error("data of recipe {id}, {expected} was agreed: the byte stream is corrupt, reconnect")]
+    #[error("data of recipe {id}, {expected} was agreed: the byte stream is corrupt; reconnect")]
     UnknownRecipe {
         /// As received.
         id: u8,
@@ -134,14 +134,14 @@ pub enum LinkError {
         expected: u8,
     },
     /// A package whose parts contradict each other.
-    #[error("a {kind} package whose content does not fit its size: the byte stream is corrupt, reconnect")]
+    #[error("a {kind} package whose content does not fit its size: the byte stream is corrupt; reconnect")]
     Malformed {
         /// Its type.
         kind: PackageKind,
     },
     /// A value that the robot cannot have.
     #[error(
-        "{field}[{element}] = {value} is impossible (limit {limit}): the byte stream is corrupt or the robot model is wrong, reconnect"
+        "{field}[{element}] = {value} is impossible (limit {limit}): the byte stream is corrupt or the robot model is wrong; compare model in [robot] with the robot, reconnect"
     )]
     ImpossibleValue {
         /// The field.
@@ -154,7 +154,7 @@ pub enum LinkError {
         limit: f64,
     },
     /// Nothing came.
-    #[error("nothing from the robot for {} ms while {phase}: check power, cable, address and firewall", waited_ns / 1_000_000)]
+    #[error("nothing from the robot for {} ms while {phase}; check power, cable, address and firewall", waited_ns / 1_000_000)]
     Silent {
         /// Since the last package or request (ns).
         waited_ns: u64,
@@ -162,7 +162,7 @@ pub enum LinkError {
         phase: Phase,
     },
     /// A package began and did not end.
-    #[error("{received} bytes of a package of {size} came, the rest not within {} ms: the link is cut or corrupt, reconnect", waited_ns / 1_000_000)]
+    #[error("{received} bytes of a package of {size} came, the rest not within {} ms: the link is cut or corrupt; check cable and network, reconnect", waited_ns / 1_000_000)]
     Incomplete {
         /// Bytes there.
         received: u16,
@@ -172,19 +172,19 @@ pub enum LinkError {
         waited_ns: u64,
     },
     /// The robot closed the connection.
-    #[error("the robot closed the connection while {phase}: see the log on its teach pendant, then reconnect")]
+    #[error("the robot closed the connection while {phase}; see the log on its teach pendant, then reconnect")]
     Closed {
         /// What the client was doing.
         phase: Phase,
     },
     /// A setpoint before the link runs.
-    #[error("a setpoint while {phase}: wait for the link to run")]
+    #[error("a setpoint while {phase}; wait for the link to run")]
     NotRunning {
         /// What the client was doing.
         phase: Phase,
     },
     /// A setpoint before the robot's first state.
-    #[error("a setpoint before the robot has said where it is: wait for its first state")]
+    #[error("a setpoint before the robot has said where it is; wait for its first state")]
     NoState,
     /// Setpoints faster than they leave.
     #[error("setpoints wait unsent: the robot or the network does not take them")]
@@ -201,7 +201,7 @@ pub enum LinkError {
     },
     /// A setpoint that the arm cannot reach in time.
     #[error(
-        "a setpoint would step joint {joint} by {step:.6} rad in {within:.3} s, {limit:.6} rad are allowed: it was not sent; \
+        "a setpoint would step joint {joint} by {step:.6} rad in {within:.3} s, {limit:.6} rad are allowed, so it was not sent; \
          compare the robot's model with the cell file's, save the log and report it"
     )]
     StepTooLarge {
