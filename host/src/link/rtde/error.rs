@@ -39,9 +39,7 @@ pub enum LinkError {
         size: usize,
     },
     /// The controller speaks neither protocol.
-    #[error(
-        "the controller refuses RTDE protocols 2 and 1, which Screed speaks; update the controller, or Screed"
-    )]
+    #[error("the controller refuses RTDE protocols 2 and 1, which Screed speaks; update the controller, or Screed")]
     ProtocolRefused,
     /// The controller's cycle is slower than the wanted rate.
     #[error(
@@ -118,7 +116,9 @@ pub enum LinkError {
         code: u8,
     },
     /// A package that cannot come now.
-    #[error("a {kind} package while {phase}: the byte stream is corrupt or the peer is no RTDE server; check address and port, reconnect")]
+    #[error(
+        "a {kind} package while {phase}: the byte stream is corrupt or the peer is no RTDE server; check address and port, reconnect"
+    )]
     UnexpectedPackage {
         /// Its type.
         kind: PackageKind,

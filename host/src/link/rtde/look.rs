@@ -6,7 +6,7 @@ use super::wire::PayloadReader;
 
 /// How many fields every controller has; those behind are newer, and a controller without them is asked again without.
 const REQUIRED: usize = 8;
-const NEWER: [&str; 3] = ["tcp_offset", "payload", "payload_cog"];
+const NEWER: [&str; 4] = ["target_speed_fraction", "tcp_offset", "payload", "payload_cog"];
 
 /// What was seen (SI).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +27,8 @@ pub struct State {
     pub program_state: i32,
     /// What the program counts on in the register behind it.
     pub program_count: i32,
+    /// Where the speed slider stands, 0 to 1.
+    pub target_speed_fraction: Option<f64>,
     /// flange_from_tcp of the controller's installation, likewise.
     pub tcp_offset: Option<[f64; 6]>,
     /// Mass that the controller reckons with (kg).
@@ -89,15 +91,20 @@ impl Outputs {
             safety_status_bits: reader.u32()?,
             program_state: reader.i32()?,
             program_count: reader.i32()?,
-            tcp_offset: if has(NEWER[0]) { Some(reader.f64s()?) } else { None },
-            payload: if has(NEWER[1]) { Some(reader.f64()?) } else { None },
-            payload_cog: if has(NEWER[2]) { Some(reader.f64s()?) } else { None },
+            target_speed_fraction: if has(NEWER[0]) { Some(reader.f64()?) } else { None },
+            tcp_offset: if has(NEWER[1]) { Some(reader.f64s()?) } else { None },
+            payload: if has(NEWER[2]) { Some(reader.f64()?) } else { None },
+            payload_cog: if has(NEWER[3]) { Some(reader.f64s()?) } else { None },
         };
         let vectors = [Some(state.actual_q), Some(state.actual_tcp_pose), state.tcp_offset];
-        let mut numbers =
-            vectors.iter().flatten().flatten().chain(&state.payload).chain(state.payload_cog.iter().flatten());
-        (state.timestamp.is_finite() && numbers.all(|value| value.is_finite()) && reader.rest().is_empty())
-            .then_some(state)
+        let singles = [Some(state.timestamp), state.target_speed_fraction, state.payload];
+        let mut numbers = vectors
+            .iter()
+            .flatten()
+            .flatten()
+            .chain(singles.iter().flatten())
+            .chain(state.payload_cog.iter().flatten());
+        (numbers.all(|value| value.is_finite()) && reader.rest().is_empty()).then_some(state)
     }
 }
 
@@ -137,6 +144,7 @@ mod tests {
             let state = seen.unwrap();
             assert_eq!((state.actual_q, state.runtime_state, state.robot_mode), (START.0, 2, 7));
             assert_eq!((state.program_state, state.safety_status_bits & 1), (7, 1));
+            assert_eq!(state.target_speed_fraction, Some(1.0));
             assert_eq!(state.tcp_offset, Some([0.0, 0.0, 0.2, 0.0, 0.0, 0.0]));
             assert_eq!((state.payload, state.payload_cog), (Some(1.5), Some([0.1, 0.0, 0.2])));
             assert_eq!(reader.controller().unwrap().major, major);

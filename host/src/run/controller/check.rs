@@ -80,6 +80,7 @@ pub fn judge(cell: &Cell, view: &View) -> Vec<Finding> {
         remote(view),
         safety(view),
         mode(view),
+        slider(view),
         kinematics(cell, view),
         pose(cell, view),
         tool(cell, view),
@@ -199,6 +200,20 @@ fn geometry_action(cell: &Cell) -> &'static str {
              calibration to it; if the model is another, set model"
         }
         Some(_) => "the calibration is of another unit or model: write this unit's with screed robot calibration --out",
+    }
+}
+
+/// `servoj` runs in slowed time when the slider stands below 100 %: its lag and the error at corners grow, and setpoints are passed
+/// over.
+fn slider(view: &View) -> Finding {
+    const WHAT: &str = "speed slider";
+    match view.state.target_speed_fraction {
+        None => Finding::note(WHAT, "the controller's software does not tell it"),
+        Some(fraction) if fraction >= 1.0 => Finding::good(WHAT, "at 100 %"),
+        Some(fraction) => {
+            let action = "set it to 100 % at the teach pendant; Screed slows a print by its own path clock";
+            Finding::bad(WHAT, format!("at {:.0} %, and slows servoj", fraction * 1e2), Exit::Link, action)
+        }
     }
 }
 

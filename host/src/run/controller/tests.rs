@@ -43,6 +43,7 @@ fn sound() -> (Cell, View) {
             safety_status_bits: 1,
             program_state: 1,
             program_count: 41,
+            target_speed_fraction: Some(1.0),
             tcp_offset: Some(numbers(&tool)),
             payload: Some(1.5),
             payload_cog: Some([0.0, 0.0, 0.1]),
@@ -83,7 +84,8 @@ fn a_sound_robot_is_found_sound() {
 #[test]
 fn everything_that_is_wrong_is_found_with_its_class_and_an_action() {
     type Change = fn(&mut Cell, &mut View);
-    let table: [(&str, Exit, &str, Change); 23] = [
+    let table: [(&str, Exit, &str, Change); 24] = [
+        ("speed slider", Exit::Link, "at 50 %", |_, view| view.state.target_speed_fraction = Some(0.5)),
         ("robot model", Exit::Input, "expected ur10e, found UR5", |_, view| {
             view.standing.model = Some("UR5".to_owned())
         }),
