@@ -72,6 +72,15 @@ impl Failure {
         Self { exit, problems: vec![Problem { message, excerpt: None, remedy }] }
     }
 
+    /// From the text of an error of a link; behind its last semicolon or, where the cause needs no words, its last colon stands the
+    /// remedy.
+    pub fn link(text: &str) -> Self {
+        match text.rsplit_once("; ").or_else(|| text.rsplit_once(": ")) {
+            Some((message, remedy)) => Self::new(Exit::Link, message, remedy),
+            None => Self::new(Exit::Link, text, "see the log on the robot's teach pendant, then start again"),
+        }
+    }
+
     /// The same with a place in a file.
     pub fn at(mut self, excerpt: Excerpt) -> Self {
         if let Some(problem) = self.problems.first_mut() {
