@@ -7,11 +7,12 @@ use crate::config::{self, Cell};
 use crate::failure::{Exit, Failure, Problem};
 use crate::plan::{Options, Plan};
 use crate::run::controller::Place;
-use crate::run::print::{self, Print};
+use crate::run::print::{self, Again, Print};
 use crate::run::session::Wishes;
 use crate::run::summary::Summary;
 use crate::run::virtual_time::{self, Virtual};
 use crate::run::{children, demo, signal};
+use std::path::Path;
 
 /// Prints, and says how it went.
 pub fn run(args: &PrintArgs) -> Result<(), Failure> {
@@ -41,6 +42,7 @@ pub fn run(args: &PrintArgs) -> Result<(), Failure> {
         source: (&name, &bytes),
         yes: args.yes,
         quiet: args.json,
+        again: Some(again(args, &cell)),
     };
     if args.fast {
         let program = demo::program(&cell)?;
@@ -64,6 +66,24 @@ pub fn run(args: &PrintArgs) -> Result<(), Failure> {
         command.arg("--calibration").arg(file);
     }
     report(&print::run(&print, print::attach(&socket, Some(command))?)?, args.json)
+}
+
+/// What goes on with this print after a failure.
+fn again(args: &PrintArgs, cell: &Cell) -> Again {
+    let file = |path: &Path| path.display().to_string();
+    let mut print = format!("screed print {} --cell {}", file(&args.model), file(&args.cell));
+    for (is_given, word) in
+        [(!cell.robot.simulated, " --real-robot"), (args.dry, " --dry"), (args.allow_non_rt, " --allow-non-rt")]
+    {
+        print += if is_given { word } else { "" };
+    }
+    match (&args.board, &args.attach) {
+        (Some(device), _) => print += &format!(" --board {} --baud {}", file(device), args.baud),
+        (None, Some(socket)) => print += &format!(" --upload --attach {}", file(socket)),
+        (None, None) => print += " --upload",
+    }
+    let end = args.layers.map(|layers| args.from_layer.saturating_add(layers));
+    Again { robot: args.board.is_none().then(|| args.cell.clone()), print, end }
 }
 
 /// Whether the robot at the cell's address is the cell's, and stands so that a print can begin; with `--upload` Screed's program
