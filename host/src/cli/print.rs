@@ -1,10 +1,11 @@
 //! `screed print`
 
 use super::args::PrintArgs;
-use super::controller::{self, asked, tell_person};
+use super::controller::{self, Wanted, asked, tell_person};
 use super::{read_model, say};
 use crate::config::{self, Cell};
 use crate::failure::{Exit, Failure, Problem};
+use crate::link::rtde::program::ProgramState;
 use crate::plan::{Options, Plan};
 use crate::run::controller::Place;
 use crate::run::print::{self, Again, Print};
@@ -12,6 +13,7 @@ use crate::run::session::Wishes;
 use crate::run::summary::Summary;
 use crate::run::virtual_time::{self, Virtual};
 use crate::run::{children, demo, signal};
+use std::io::{self, IsTerminal};
 use std::path::Path;
 
 /// Prints, and says how it went.
@@ -98,7 +100,19 @@ fn robot_is_ready(args: &PrintArgs, cell: &mut Cell) -> Result<(), Failure> {
         // A screed-rt that somebody else has started may have its robot elsewhere.
         tell_person("note: the robot of that screed-rt is simulated and not looked at beforehand");
     } else {
-        let prepared = controller::prepare(&Place::of(cell)?, cell, args.upload.then_some(args.yes))?;
+        let wanted = Wanted { upload: args.upload, yes: args.yes, held: args.attach.is_some() };
+        let prepared = controller::prepare(&Place::of(cell)?, cell, wanted)?;
+        if cell.robot.simulated && !prepared.is_simulated && !io::stdin().is_terminal() {
+            let message = "nobody can be asked: the standard input is no terminal, and the robot may be real: its controller is \
+                           none of screed sim ur";
+            return Err(Failure::new(Exit::Failed, message, "start the print at a terminal"));
+        }
+        if !wanted.held && prepared.program == ProgramState::Following {
+            let message = "Screed's program follows setpoints that somebody sends: another print, or a screed-rt, drives the robot";
+            let remedy = "end it, or give its socket with --attach; one that has just ended is stopped by its watchdog, then \
+                          print again with --upload";
+            return Err(Failure::new(Exit::Link, message, remedy));
+        }
         if !args.json {
             tell_person(prepared.notes.trim_end());
         }

@@ -58,7 +58,7 @@ const LOG_MAX: usize = 1000;
 const PROGRAMS: [&str; 2] = ["screed.urp", "wait_program.urp"];
 const WAIT_PROGRAM: &str = "def wait_program():\n  while (True):\n    sleep(1)\n  end\nend\n";
 /// What the controller says its serial number is; a real one is of the same form.
-const SERIAL_NUMBER: &str = "20220000000";
+pub const SERIAL_NUMBER: &str = "20220000000";
 
 /// How a controller is made.
 #[derive(Clone, Debug)]

@@ -26,6 +26,8 @@ pub struct View {
     pub is_counting: bool,
     /// Its table.
     pub kinematics: Kinematics,
+    /// Whether the registers that Screed writes are free, or why not; none where it was not asked ([`super::inputs`]).
+    pub inputs: Option<Result<(), String>>,
 }
 
 /// What the dashboard tells.
@@ -63,7 +65,7 @@ pub fn view(place: &Place, register_offset: u8) -> Result<View, ControllerError>
         let (state, _) = look.next()?;
         let is_counting = state.program_count != first.program_count;
         if is_counting || state.timestamp - first.timestamp > COUNTED_AFTER || Instant::now() > until {
-            return Ok(View { standing, controller, state, is_counting, kinematics });
+            return Ok(View { standing, controller, state, is_counting, kinematics, inputs: None });
         }
     }
 }
