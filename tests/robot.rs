@@ -605,6 +605,55 @@ fn a_simulated_robot_is_looked_at_before_a_print_too() {
     assert!(code == Some(4) && error.contains("Screed's plays") && error.contains("/dev/ttyACM0"), "{error}");
 }
 
+/// A dashboard behind a port of this machine, whose robot has another serial number.
+fn tunnel(dashboard: u16) -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    thread::spawn(move || {
+        for person in listener.incoming() {
+            let mut person = person.unwrap();
+            let Ok(mut robot) = TcpStream::connect(("127.0.0.1", dashboard)) else { return };
+            let (mut asks, answers) = (person.try_clone().unwrap(), BufReader::new(robot.try_clone().unwrap()));
+            thread::spawn(move || std::io::copy(&mut asks, &mut robot));
+            thread::spawn(move || {
+                for line in answers.lines() {
+                    let line = line.unwrap_or_default().replace("20220000000", "20195500123") + "\n";
+                    if person.write_all(line.as_bytes()).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+    });
+    port
+}
+
+/// The cell says that its robot is simulated, and the controller does not look so.
+#[test]
+fn yes_does_not_answer_for_a_robot_behind_a_forwarded_port() {
+    let machine = Machine::new("", &[]);
+    let place = machine.place();
+    let text = fs::read_to_string(machine.scene.path("simulated.toml")).unwrap();
+    let (own, forwarded) = (format!("port = {}\n", place.rtde), tunnel(place.dashboard));
+    assert!(text.contains(&own));
+    fs::write(machine.scene.path("tunnel.toml"), text.replace(&own, &format!("{own}dashboard_port = {forwarded}\n")))
+        .unwrap();
+    let model = machine.scene.path("wall.ifc");
+    fs::write(&model, quarter_circle(&QuarterCircle { layers: 1, ..QuarterCircle::default() })).unwrap();
+    for words in ["robot brake-release --yes", "robot play --upload --yes", "print @wall.ifc --allow-non-rt --yes"] {
+        let (code, _, error) = machine.screed(&format!("{words} --cell @tunnel.toml"));
+        assert!(code == Some(2) && error.contains("20195500123) and may be a real robot"), "{words}: {error}");
+    }
+    // Nor does a pipe.
+    let (code, _, error) = machine.screed("print @wall.ifc --allow-non-rt --cell @tunnel.toml");
+    assert!(code == Some(1) && error.contains("none of screed sim ur"), "{error}");
+    let (code, out, error) = machine.screed("robot status --cell @tunnel.toml");
+    assert!(code == Some(0) && out.contains("may be a real robot") && !out.contains("BAD"), "{out}{error}");
+    // A person may.
+    let (code, out, error) = machine.at_terminal("robot brake-release --cell @tunnel.toml", &["brake-release"]);
+    assert!(code == Some(0) && out.contains("robot RUNNING"), "{out}{error}");
+}
+
 /// The advice at the end can be followed: nothing is re-armed where the kernel has ended, and the commands name cell and layer.
 #[test]
 fn a_print_that_ends_on_its_path_names_what_goes_on_from_there() {
