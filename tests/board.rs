@@ -246,6 +246,7 @@ fn in_virtual_time(scene: &Scene, rate_hz: u32) -> u64 {
         source: ("wall.ifc", b""),
         yes: true,
         quiet: true,
+        again: None,
     };
     let summary = virtual_time::print(&print, Virtual { program, fault: None, record: None, quiet: true }).unwrap();
     assert_eq!((summary.outcome, summary.rate_hz), ("complete", rate_hz));

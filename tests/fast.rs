@@ -85,6 +85,7 @@ fn printed(cell: &str, rate: u32) -> (config::Cell, Summary, Vec<common::Cycle>)
         source: ("wall.ifc", wall.as_bytes()),
         yes: true,
         quiet: true,
+        again: None,
     };
     let surroundings =
         Virtual { program: program(&cell).unwrap(), fault: None, record: Some(record.clone()), quiet: true };
@@ -217,6 +218,7 @@ fn stops_that_take_longer_than_the_look_ahead_do_not_starve_the_ring() {
         source: ("slow.ifc", text.as_bytes()),
         yes: true,
         quiet: true,
+        again: None,
     };
     let surroundings = Virtual { program: program(&cell).unwrap(), fault: None, record: None, quiet: true };
     let summary = virtual_time::print(&print, surroundings).unwrap();
@@ -256,6 +258,7 @@ fn the_larger_model_is_printed_each_layer_in_its_seventy_seconds() {
         source: ("FIM_fixture_IFC4.ifc", &bytes),
         yes: true,
         quiet: true,
+        again: None,
     };
     let surroundings =
         Virtual { program: program(&cell).unwrap(), fault: None, record: Some(record.clone()), quiet: true };
@@ -279,7 +282,8 @@ fn a_first_layer_at_half_speed_is_the_same_layer_and_the_next_one_is_as_planned(
         let log = folder.path().join("cycles.screedlog");
         let wishes = Wishes { first_layer_rate, ..Wishes::default() };
         let (source, log) = (("wall.ifc", wall.as_bytes()), Some(log.clone()));
-        let print = Print { cell: &cell, model: &model, wishes, log: log.clone(), source, yes: true, quiet: true };
+        let print =
+            Print { cell: &cell, model: &model, wishes, log: log.clone(), source, yes: true, quiet: true, again: None };
         let program = program(&cell).unwrap();
         let summary = virtual_time::print(&print, Virtual { program, fault: None, record: None, quiet: true }).unwrap();
         let records: Vec<_> = LogReader::open(&log.unwrap()).unwrap().map(Result::unwrap).collect();

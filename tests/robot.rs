@@ -11,7 +11,7 @@ use screed::link::rtde::program::ProgramState as ProgramPhase;
 use screed::link::rtde::wire::Protocol;
 use screed::run::controller::acts::{Act, act};
 use screed::run::controller::check::{self, Verdict};
-use screed::run::controller::{DashboardLine, Place, program, view};
+use screed::run::controller::{DashboardLine, Place, inputs, program, view};
 use screed::run::demo;
 use screed::sim::ur::Options;
 use screed::sim::ur::inputs::Fieldbus;
@@ -20,7 +20,7 @@ use screed::sim::ur::server::{ServeOptions, Server};
 use screed_fixtures::{QuarterCircle, quarter_circle};
 use serialport::{SerialPort, TTYPort};
 use std::fs::{self, File};
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::os::unix::fs::OpenOptionsExt;
 use std::process::{Child, ChildStderr, Stdio};
@@ -77,6 +77,9 @@ fn a_robot_of_either_generation_is_powered_given_its_program_and_found_ready() {
     {
         let mut cell = Cell::demo(rate).unwrap();
         cell.link.register_offset = offset;
+        if generation == Generation::Cb3 {
+            (cell.robot.model, cell.robot.arm) = ("ur10".to_owned(), screed_kernel::arms::ur::UR10);
+        }
         let place = serve(&cell, |options| options.generation = generation);
         let text = demo::program(&cell).unwrap();
         assert_eq!(bad(&cell, &place), ["robot", "program"]);
@@ -164,6 +167,34 @@ fn only_screeds_own_program_passes_for_it_and_how_far_it_is_is_told() {
     let view = view::view(&place, 0).unwrap();
     assert_eq!((view.state.runtime_state, view.state.program_state), (2, 2));
     assert_eq!((check::playing(&view), bad(&cell, &place)), (None, vec!["program"]));
+}
+
+/// A fieldbus owns the lower registers: found before a print, and its own client given them back.
+#[test]
+fn registers_that_somebody_else_owns_are_found_before_a_print() {
+    let machine = Machine::new("", &["--fieldbus", "lower"]);
+    let model = machine.scene.path("wall.ifc");
+    fs::write(&model, quarter_circle(&QuarterCircle { layers: 1, ..QuarterCircle::default() })).unwrap();
+    for words in ["robot status --cell SIMULATED", "print @wall.ifc --yes --allow-non-rt --cell SIMULATED"] {
+        let (code, _, error) = machine.screed(words);
+        assert!(code == Some(4) && error.contains("registers: all 7 inputs"), "{words}: {error}");
+        assert!(error.contains("remedy: switch the fieldbus off"), "{words}: {error}");
+    }
+    let mut cell = Cell::demo(125).unwrap();
+    let place = machine.place();
+    assert!(inputs::inputs(&place, &cell).unwrap().unwrap_err().contains("EtherNet/IP"));
+    // The upper ones are free, each time anew; not while another client has them.
+    cell.link.register_offset = 24;
+    for _ in 0..3 {
+        assert_eq!(inputs::inputs(&place, &cell).unwrap(), Ok(()));
+    }
+    let free = serve(&Cell::demo(125).unwrap(), |options| (options.powered, options.autoplay) = (true, true));
+    let sender = Sender::new(&free, cell.robot.start.0);
+    cell.link.register_offset = 0;
+    assert!(inputs::inputs(&free, &cell).unwrap().is_err());
+    drop(sender);
+    thread::sleep(Duration::from_millis(100));
+    assert_eq!(inputs::inputs(&free, &cell).unwrap(), Ok(()));
 }
 
 #[test]
@@ -409,29 +440,53 @@ fn commands_need_a_person_at_a_terminal_and_yes_is_for_simulated_robots() {
         format!("127.0.0.1:{port}")
     };
     // Nobody is there.
-    for act in ["power-on", "brake-release", "unlock", "play", "play --upload"] {
+    let (code, out, error) = machine.screed("robot unlock --cell SIMULATED");
+    assert!(code == Some(0) && out.contains("there is nothing to unlock"), "{out}{error}");
+    for act in ["power-on", "brake-release", "play", "play --upload"] {
         let (code, _, error) = machine.screed(&format!("robot {act} --cell SIMULATED"));
         let expected = if act == "play --upload" { 4 } else { 1 };
         assert_eq!(code, Some(expected), "{act}: {error}");
         assert!(error.contains("no terminal") || error.contains("POWER_OFF"), "{act}: {error}");
     }
     // Nobody may answer for a person where the robot may be real.
-    for target in ["--cell REAL".to_owned(), format!("--address {address}")] {
-        let (code, _, error) = machine.screed(&format!("robot power-on --yes {target}"));
-        assert_eq!(code, Some(2), "{error}");
+    let (code, _, error) = machine.screed(&format!("robot power-on --yes --address {address}"));
+    assert_eq!(code, Some(2), "{error}");
+    // The cell has to be this robot's: its number, its model.
+    let real = fs::read_to_string(machine.scene.path("real.toml")).unwrap();
+    let write = |name: &str, from: &str, to: &str| {
+        assert!(real.contains(from), "{from}");
+        fs::write(machine.scene.path(name), real.replace(from, to)).unwrap();
+    };
+    write("named.toml", "simulated = false", "simulated = false\nserial = \"20220000000\"");
+    write("other.toml", "simulated = false", "simulated = false\nserial = \"1\"");
+    write("model.toml", "model = \"ur10e\"", "model = \"ur5e\"");
+    write("unit.toml", "simulated = false", "simulated = true\nserial = \"1\"");
+    for (cell, text) in [
+        ("REAL", "add serial = \"20220000000\""),
+        ("@other.toml", "expected 1, found 20220000000"),
+        ("@model.toml", "expected ur5e, found UR10"),
+        ("@unit.toml --yes", "expected 1, found 20220000000"),
+    ] {
+        for act in ["power-on", "brake-release", "play"] {
+            let (code, _, error) = machine.at_terminal(&format!("robot {act} --cell {cell}"), &[act]);
+            assert!(code == Some(3) && error.contains(text) && !error.contains("Type "), "{act} {cell}: {error}");
+        }
     }
     // Another answer is none.
-    let (code, _, error) = machine.at_terminal("robot power-on --cell REAL", &["yes"]);
+    let (code, _, error) = machine.at_terminal("robot power-on --cell @named.toml", &["yes"]);
     assert!(
         code == Some(1) && error.contains("not confirmed") && error.contains("UR10, serial number 2022"),
         "{error}"
     );
+    assert!(error.contains(&format!("robot at 127.0.0.1, port {}:", machine.place().rtde)), "{error}");
     let (code, out, _) = machine.screed(&format!("robot status --json --address {address}"));
     let status: serde_json::Value = serde_json::from_str(&out).unwrap();
     assert_eq!((code, status["robot_mode"].as_str()), (Some(0), Some("POWER_OFF")), "nothing was done");
 
-    let (code, out, error) = machine.at_terminal("robot power-on --cell REAL", &["power-on"]);
+    let (code, out, error) = machine.at_terminal("robot power-on --cell @named.toml", &["power-on"]);
     assert!(code == Some(0) && out.contains("robot IDLE"), "{error}");
+    let (code, _, error) = machine.screed("robot brake-release --yes --cell @named.toml");
+    assert_eq!(code, Some(2), "{error}");
     let (code, out, error) = machine.screed("robot brake-release --yes --cell SIMULATED");
     assert!(code == Some(0) && out.contains("robot RUNNING"), "{error}");
     // A real robot's cell has to name its serial number before anything is uploaded.
@@ -548,6 +603,107 @@ fn a_simulated_robot_is_looked_at_before_a_print_too() {
     // Uploaded, the print goes on to what is missing next, the extruder.
     let (code, _, error) = machine.screed("print @wall.ifc --yes --allow-non-rt --upload --cell SIMULATED");
     assert!(code == Some(4) && error.contains("Screed's plays") && error.contains("/dev/ttyACM0"), "{error}");
+}
+
+/// A dashboard behind a port of this machine, whose robot has another serial number.
+fn tunnel(dashboard: u16) -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    thread::spawn(move || {
+        for person in listener.incoming() {
+            let mut person = person.unwrap();
+            let Ok(mut robot) = TcpStream::connect(("127.0.0.1", dashboard)) else { return };
+            let (mut asks, answers) = (person.try_clone().unwrap(), BufReader::new(robot.try_clone().unwrap()));
+            thread::spawn(move || std::io::copy(&mut asks, &mut robot));
+            thread::spawn(move || {
+                for line in answers.lines() {
+                    let line = line.unwrap_or_default().replace("20220000000", "20195500123") + "\n";
+                    if person.write_all(line.as_bytes()).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+    });
+    port
+}
+
+/// The cell says that its robot is simulated, and the controller does not look so.
+#[test]
+fn yes_does_not_answer_for_a_robot_behind_a_forwarded_port() {
+    let machine = Machine::new("", &[]);
+    let place = machine.place();
+    let text = fs::read_to_string(machine.scene.path("simulated.toml")).unwrap();
+    let (own, forwarded) = (format!("port = {}\n", place.rtde), tunnel(place.dashboard));
+    assert!(text.contains(&own));
+    fs::write(machine.scene.path("tunnel.toml"), text.replace(&own, &format!("{own}dashboard_port = {forwarded}\n")))
+        .unwrap();
+    let model = machine.scene.path("wall.ifc");
+    fs::write(&model, quarter_circle(&QuarterCircle { layers: 1, ..QuarterCircle::default() })).unwrap();
+    for words in ["robot brake-release --yes", "robot play --upload --yes", "print @wall.ifc --allow-non-rt --yes"] {
+        let (code, _, error) = machine.screed(&format!("{words} --cell @tunnel.toml"));
+        assert!(code == Some(2) && error.contains("20195500123) and may be a real robot"), "{words}: {error}");
+    }
+    // Nor does a pipe.
+    let (code, _, error) = machine.screed("print @wall.ifc --allow-non-rt --cell @tunnel.toml");
+    assert!(code == Some(1) && error.contains("none of screed sim ur"), "{error}");
+    let (code, out, error) = machine.screed("robot status --cell @tunnel.toml");
+    assert!(code == Some(0) && out.contains("may be a real robot") && !out.contains("BAD"), "{out}{error}");
+    // A person may.
+    let (code, out, error) = machine.at_terminal("robot brake-release --cell @tunnel.toml", &["brake-release"]);
+    assert!(code == Some(0) && out.contains("robot RUNNING"), "{out}{error}");
+}
+
+/// The advice at the end can be followed: nothing is re-armed where the kernel has ended, and the commands name cell and layer.
+#[test]
+fn a_print_that_ends_on_its_path_names_what_goes_on_from_there() {
+    let scene = Scene::new();
+    let mut extruder = scene.screed(&["sim", "extruder", "--json", "--exit-when-idle", "60"]).spawn().unwrap();
+    let device = announced(&mut extruder, "device");
+    let machine = Machine::new("", &[]);
+    let text = fs::read_to_string(machine.scene.path("simulated.toml")).unwrap().replace("/dev/ttyACM0", &device);
+    fs::write(machine.scene.path("simulated.toml"), text).unwrap();
+    let model = machine.scene.path("wall.ifc");
+    fs::write(&model, quarter_circle(&QuarterCircle { layers: 2, ..QuarterCircle::default() })).unwrap();
+    // Ended by `end` as soon as the arm moves.
+    let print = |words: &str, end: &dyn Fn(&str)| {
+        let words = machine.words(&format!("print @wall.ifc --yes --allow-non-rt --dry --cell SIMULATED {words}"));
+        let mut command = machine.scene.screed(&words.iter().map(String::as_str).collect::<Vec<_>>());
+        let mut child = command.spawn().unwrap();
+        let (mut text, mut moves) = (String::new(), false);
+        for line in BufReader::new(child.stderr.take().unwrap()).lines() {
+            let line = line.unwrap();
+            text += &line;
+            text.push('\n');
+            if line.contains("layer 0 of 0 to 1") && !moves {
+                moves = true;
+                end(&text);
+            }
+        }
+        (finished(child).0, text)
+    };
+    let (code, error) = print("--layers 2", &|text| {
+        let (_, socket) = text.split_once("screed-rt answers at ").unwrap();
+        let (socket, _) = socket.split_once(';').unwrap();
+        let (code, _, error) = machine.screed(&format!("print @wall.ifc --yes --cell SIMULATED --attach {socket}"));
+        assert!(code == Some(4) && error.contains("is busy: another print is attached"), "{error}");
+        let (code, _, error) = machine.screed("robot status --cell SIMULATED");
+        assert_eq!(code, Some(0), "{error}");
+        // Another print of its own is refused before it touches the robot.
+        let (code, _, error) = machine.screed("print @wall.ifc --yes --allow-non-rt --cell SIMULATED");
+        assert!(code == Some(4) && error.contains("follows setpoints that somebody sends"), "{error}");
+        let (code, _, error) = machine.screed("robot stop --cell SIMULATED");
+        assert_eq!(code, Some(0), "{error}");
+    });
+    let again = "simulated.toml --dry --allow-non-rt --upload --from-layer 0 --layers 2 goes on";
+    assert!(code == Some(5) && error.contains("alarm: K3") && error.contains(again), "{error}");
+    assert!(error.contains("; screed robot status --cell /") && !error.contains("re-arm"), "{error}");
+    assert!(error.contains("remedy: look at the robot's program and safety state"), "{error}");
+    let (code, error) = print("--upload --layers 2", &|_| signal(machine.robot.id() as i32, "KILL"));
+    assert!(code == Some(4) && error.contains("alarm: K15") && error.contains(again), "{error}");
+    assert!(error.contains("; screed robot status --cell /") && !error.contains("re-arm"), "{error}");
+    signal(extruder.id() as i32, "TERM");
+    finished(extruder);
 }
 
 #[test]

@@ -4,8 +4,13 @@
 mod common;
 
 use common::scene::announced;
+use serialport::{SerialPort, TTYPort};
+use std::fs::File;
+use std::io::Read;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::time::Duration;
 
 const RECORD: &str = r#"<?xml version="1.0"?>
 <rtde_config>
@@ -108,12 +113,16 @@ fn a_recipe_is_recorded_in_both_protocols_and_its_gaps_are_counted() {
         // A recipe without a time stamp keeps its columns; into a file, what is told goes to the standard output.
         let path = folder.path().join("modes.csv");
         let path = path.to_string_lossy();
-        let (code, out, error) = screed(&[&common[..], &["--recipe", "modes", "-o", &path]].concat());
+        let (code, out, error) = screed(&[&common[..], &["--recipe", "modes", "--force", "-o", &path]].concat());
         assert_eq!((code, error.as_str()), (Some(0), ""));
         assert!(out.contains(&format!("{found:.0} packages at {found:.1} Hz, 0 skipped")), "{out}");
         let text = std::fs::read_to_string(&*path).expect("the table");
         let (heads, rows) = table(&text);
         assert_eq!((heads, rows.len() as f64), (vec!["runtime_state"], found));
+        // It is not overwritten by mistake.
+        let (code, _, error) = screed(&[&common[..], &["-o", &path]].concat());
+        assert!(code == Some(2) && error.contains("is there already") && error.contains("--force"), "{error}");
+        assert_eq!(std::fs::read_to_string(&*path).expect("the table"), text);
     }
 }
 
@@ -139,6 +148,17 @@ fn what_cannot_be_recorded_is_told_with_its_place_and_code() {
     );
     let (code, _, error) = record("127.0.0.1:1", &[&config]);
     assert!(code == Some(4) && error.contains("127.0.0.1:1 does not answer"), "{error}");
+    // What ends before a row comes leaves no file.
+    let path = folder.path().join("never.csv");
+    let (code, _, _) = record(&controller.1, &[&config, "--recipe", "tomorrow", "-o", &path.to_string_lossy()]);
+    assert!(code == Some(4) && !path.exists());
+    // Whoever closes the connection.
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("its address").to_string();
+    std::thread::spawn(move || listener.incoming().for_each(drop));
+    let (code, _, error) = record(&address, &[&config]);
+    assert!(code == Some(4) && error.contains("closed the connection"), "{error}");
+    assert!(error.contains("\nremedy: see the log on its teach pendant"), "{error}");
     let slow = Controller::start(&["--controller", "cb3"]);
     let (code, _, error) = record(&slow.1, &[&config, "--rate", "500"]);
     assert!(code == Some(4) && error.contains("serves at most 125 Hz, 500 Hz wanted"), "{error}");
@@ -148,6 +168,29 @@ fn what_cannot_be_recorded_is_told_with_its_place_and_code() {
     assert_eq!(code, Some(3), "{error}");
     assert!(error.contains("recipe out, field payload_cog: expected type VECTOR3D, found VECTOR6D"), "{error}");
     assert!(error.contains("wrong.xml:6:3") && error.contains("\nremedy: write the expected type"), "{error}");
+}
+
+/// O_NOCTTY: the test's own process shall not get the terminal as its controlling one.
+const NOCTTY: i32 = 0o400;
+
+#[test]
+fn a_terminal_shows_how_far_a_record_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let config = write(folder.path(), "record.xml", RECORD);
+    let controller = Controller::start(&[]);
+    let (mut person, terminal) = TTYPort::pair().expect("a terminal");
+    let mut options = File::options();
+    let stderr = options.read(true).write(true).custom_flags(NOCTTY).open(terminal.name().expect("its name"));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_screed"));
+    command.args(["rtde", "record", "--seconds", "2.5", "--address", &controller.1, "--config"]).arg(&config);
+    let output = command.stderr(Stdio::from(stderr.expect("it opens"))).output().expect("the program can be started");
+    assert_eq!(output.status.code(), Some(0));
+    let mut shown = [0; 4096];
+    person.set_timeout(Duration::from_secs(2)).expect("a timeout");
+    let count = person.read(&mut shown).expect("what was shown");
+    let shown = String::from_utf8_lossy(&shown[..count]);
+    assert!(shown.contains(" packages, 1 s; Ctrl-C ends it"), "{shown:?}");
+    drop(terminal);
 }
 
 const CONTROL: &str = r#"<?xml version="1.0"?>
@@ -206,11 +249,7 @@ fn a_cell_takes_its_registers_from_its_recipes() {
             "recipes = \"other.xml\"",
             "recipes: expected input_double_register_N to _N+5 and input_int_register_N",
         ),
-        (
-            "none.toml",
-            "recipes = \"none.xml\"",
-            "recipes: expected a file of RTDE recipes, found cannot read the recipes",
-        ),
+        ("none.toml", "recipes = \"none.xml\"", "recipes: expected a file that can be read, found"),
     ] {
         let (code, _, error) = screed(&["check", &cell(name, keys)]);
         assert!(code == Some(3) && error.contains(line), "{name}: {code:?} {error}");

@@ -66,6 +66,7 @@ fn print(cell: &Cell, seconds: f64, base: impl Fn(f64) -> (Pose, bool)) -> Print
         source: ("wall.ifc", text.as_bytes()),
         yes: true,
         quiet: true,
+        again: None,
     };
     let controller = Controller::new(&cell.robot.arm, Options::of(cell, program(cell).unwrap())).unwrap();
     let extruder = Extruder::new(cell.extruder.flow_max, TIME_CONSTANT).unwrap();

@@ -9,7 +9,7 @@ use crate::robot::{self, calibration};
 use crate::run::controller::acts::{self, Act};
 use crate::run::controller::check::{self, Finding, Verdict};
 use crate::run::controller::view::{self, Standing, View};
-use crate::run::controller::{DashboardLine, Place, program};
+use crate::run::controller::{DashboardLine, Place, inputs, program};
 use crate::run::demo;
 use crate::run::person;
 use screed_kernel::arm::Arm;
@@ -37,6 +37,12 @@ pub fn act(args: &ActArgs, act: Act) -> Result<(), Failure> {
     // What only stops is sent whatever else the controller may answer.
     if !matches!(act, Act::Stop | Act::PowerOff) {
         let before = view::standing(&mut line)?;
+        if let Some(cell) = &cell {
+            check::failure(&check::identity(cell, &before)).map_or(Ok(()), Err)?;
+        }
+        if !act.is_wanted(&before)? {
+            return say(&format!("there is nothing to {}: {}\n", act.word(), stands(&before)));
+        }
         if let Some(warning) = act.warning(&before) {
             agreed(act.word(), warning, &place, &before, cell.as_ref(), args.yes)?;
         }
@@ -49,7 +55,8 @@ pub fn act(args: &ActArgs, act: Act) -> Result<(), Failure> {
 pub fn play(args: &PlayArgs) -> Result<(), Failure> {
     let (place, cell) = target(&args.act.controller)?;
     let Some(mut cell) = cell.filter(|_| args.upload) else { return act(&args.act, Act::Play) };
-    let Prepared { notes, program, uploaded } = prepare(&place, &mut cell, Some(args.act.yes))?;
+    let Prepared { notes, program, uploaded, .. } =
+        prepare(&place, &mut cell, Wanted { upload: true, yes: args.act.yes, held: true })?;
     let told = match (program, uploaded) {
         (ProgramState::Following, _) => {
             "Screed's program plays already and follows setpoints that somebody sends: nothing was uploaded"
@@ -60,6 +67,25 @@ pub fn play(args: &PlayArgs) -> Result<(), Failure> {
     say(&format!("{notes}{told}\n"))
 }
 
+/// What is wanted of a robot.
+#[derive(Clone, Copy, Debug)]
+pub struct Wanted {
+    /// Screed's program is sent where none plays.
+    pub upload: bool,
+    /// `--yes` was given.
+    pub yes: bool,
+    /// A `screed-rt` may hold the registers already, as it shall.
+    pub held: bool,
+}
+
+/// Asks for the registers, but where somebody drives Screed's program by them.
+fn look_at_inputs(place: &Place, cell: &Cell, view: &mut View) -> Result<(), Failure> {
+    if check::playing(view) != Some(ProgramState::Following) {
+        view.inputs = Some(inputs::inputs(place, cell)?);
+    }
+    Ok(())
+}
+
 /// A robot that a print can begin on.
 pub struct Prepared {
     /// What is to be known, as lines.
@@ -68,31 +94,40 @@ pub struct Prepared {
     pub program: ProgramState,
     /// Whether it was sent just now.
     pub uploaded: bool,
+    /// Whether the controller shows itself as a simulated one.
+    pub is_simulated: bool,
 }
 
-/// Looks whether the robot is the cell's and a print could begin; with `upload` (and whether `--yes` was given), Screed's program is
+/// Looks whether the robot is the cell's and a print could begin; with `upload` Screed's program is
 /// sent and started where none plays, after a person has agreed.
 ///
 /// # Errors
 /// [`Failure`] with everything that is in the way.
-pub fn prepare(place: &Place, cell: &mut Cell, upload: Option<bool>) -> Result<Prepared, Failure> {
+pub fn prepare(place: &Place, cell: &mut Cell, wanted: Wanted) -> Result<Prepared, Failure> {
+    let Wanted { upload, yes, held } = wanted;
     let mut view = view::view(place, cell.link.register_offset)?;
+    if !held {
+        look_at_inputs(place, cell, &mut view)?;
+    }
     of_controller(cell, &view)?;
     let mut findings = check::judge(cell, &view);
+    if yes && cell.robot.simulated {
+        yes_is_enough(cell, &view.standing)?;
+    }
     let mut uploaded = false;
-    if let Some(yes) = upload.filter(|_| check::playing(&view).is_none()) {
+    if upload && check::playing(&view).is_none() {
         findings.retain(|finding| finding.what != check::PROGRAM);
         check::failure(&findings).map_or(Ok(()), Err)?;
         let warning = "Screed's program is sent and plays; it holds the arm where it is until setpoints come";
         agreed("upload", warning, place, &view.standing, Some(cell), yes)?;
         program::upload(place, cell.link.register_offset, &demo::program(cell)?)?;
-        view = view::view(place, cell.link.register_offset)?;
+        view = View { inputs: view.inputs, ..view::view(place, cell.link.register_offset)? };
         findings = check::judge(cell, &view);
         uploaded = true;
     }
     check::failure(&findings).map_or(Ok(()), Err)?;
     let program = check::playing(&view).unwrap_or(ProgramState::NotStarted);
-    Ok(Prepared { notes: tell(&findings), program, uploaded })
+    Ok(Prepared { notes: tell(&findings), program, uploaded, is_simulated: check::is_simulated(cell, &view.standing) })
 }
 
 /// Asks the person at the terminal. `--yes` answers for cells with a simulated robot only.
@@ -106,7 +141,7 @@ fn agreed(
 ) -> Result<(), Failure> {
     if yes {
         return match cell {
-            Some(cell) if cell.robot.simulated => Ok(()),
+            Some(cell) if cell.robot.simulated => yes_is_enough(cell, now),
             _ => Err(Failure::new(
                 Exit::Usage,
                 format!("--yes answers for a person: expected one to confirm {word} of a robot that may be real"),
@@ -116,12 +151,39 @@ fn agreed(
     }
     let model = now.model.as_deref().unwrap_or("model not told");
     let serial = now.serial.as_deref().unwrap_or("not told");
-    tell_person(&format!("robot at {}: {model}, serial number {serial}; {}", place.host, stands(now)));
+    tell_person(&format!(
+        "robot at {}, port {}: {model}, serial number {serial}; {}",
+        place.host,
+        place.rtde,
+        stands(now)
+    ));
     tell_person(&format!("{word}: {warning}"));
     match asked(&format!("Type {word} to do it: "))?.as_str() {
         answer if answer == word => Ok(()),
         _ => Err(Failure::new(Exit::Failed, format!("{word} was not confirmed"), "nothing was done; begin again")),
     }
+}
+
+/// Whether `--yes` may answer for a person: only where the controller shows itself as one of `screed sim ur`.
+///
+/// # Errors
+/// A usage [`Failure`].
+fn yes_is_enough(cell: &Cell, now: &Standing) -> Result<(), Failure> {
+    if check::is_simulated(cell, now) {
+        return Ok(());
+    }
+    let serial = now.serial.as_deref().unwrap_or("none");
+    let message = format!(
+        "--yes answers for a person: the cell says simulated = true, but the controller's serial number ({serial}) is neither that of \
+         screed sim ur nor the cell's, and it may be a real robot behind a forwarded port"
+    );
+    Err(Failure::new(
+        Exit::Usage,
+        message,
+        format!(
+            "answer at a terminal without --yes; or, where it is another maker's simulation, set serial = \"{serial}\" in [robot]"
+        ),
+    ))
 }
 
 /// What a person types at the terminal.
@@ -157,9 +219,10 @@ fn stands(now: &Standing) -> String {
 pub fn status(args: &StatusArgs) -> Result<(), Failure> {
     let (place, cell) = target(&args.controller)?;
     let offset = cell.as_ref().map_or(0, |cell| cell.link.register_offset);
-    let view = view::view(&place, offset)?;
+    let mut view = view::view(&place, offset)?;
     let findings = match cell {
         Some(mut cell) => {
+            look_at_inputs(&place, &cell, &mut view)?;
             of_controller(&mut cell, &view)?;
             check::judge(&cell, &view)
         }
@@ -248,6 +311,7 @@ fn as_json(view: &View, findings: &[Finding]) -> Value {
         "program_name": standing.program_name,
         "actual_q": state.actual_q,
         "actual_tcp_pose": state.actual_tcp_pose,
+        "speed_slider": state.target_speed_fraction,
         "tcp_offset": state.tcp_offset,
         "payload_kg": state.payload,
         "payload_cog_m": state.payload_cog,

@@ -1,17 +1,20 @@
 //! `screed print`
 
 use super::args::PrintArgs;
-use super::controller::{self, asked, tell_person};
+use super::controller::{self, Wanted, asked, tell_person};
 use super::{read_model, say};
 use crate::config::{self, Cell};
 use crate::failure::{Exit, Failure, Problem};
+use crate::link::rtde::program::ProgramState;
 use crate::plan::{Options, Plan};
 use crate::run::controller::Place;
-use crate::run::print::{self, Print};
+use crate::run::print::{self, Again, Print};
 use crate::run::session::Wishes;
 use crate::run::summary::Summary;
 use crate::run::virtual_time::{self, Virtual};
 use crate::run::{children, demo, signal};
+use std::io::{self, IsTerminal};
+use std::path::Path;
 
 /// Prints, and says how it went.
 pub fn run(args: &PrintArgs) -> Result<(), Failure> {
@@ -41,6 +44,7 @@ pub fn run(args: &PrintArgs) -> Result<(), Failure> {
         source: (&name, &bytes),
         yes: args.yes,
         quiet: args.json,
+        again: Some(again(args, &cell)),
     };
     if args.fast {
         let program = demo::program(&cell)?;
@@ -66,6 +70,24 @@ pub fn run(args: &PrintArgs) -> Result<(), Failure> {
     report(&print::run(&print, print::attach(&socket, Some(command))?)?, args.json)
 }
 
+/// What goes on with this print after a failure.
+fn again(args: &PrintArgs, cell: &Cell) -> Again {
+    let file = |path: &Path| path.display().to_string();
+    let mut print = format!("screed print {} --cell {}", file(&args.model), file(&args.cell));
+    for (is_given, word) in
+        [(!cell.robot.simulated, " --real-robot"), (args.dry, " --dry"), (args.allow_non_rt, " --allow-non-rt")]
+    {
+        print += if is_given { word } else { "" };
+    }
+    match (&args.board, &args.attach) {
+        (Some(device), _) => print += &format!(" --board {} --baud {}", file(device), args.baud),
+        (None, Some(socket)) => print += &format!(" --upload --attach {}", file(socket)),
+        (None, None) => print += " --upload",
+    }
+    let end = args.layers.map(|layers| args.from_layer.saturating_add(layers));
+    Again { robot: args.board.is_none().then(|| args.cell.clone()), print, end }
+}
+
 /// Whether the robot at the cell's address is the cell's, and stands so that a print can begin; with `--upload` Screed's program
 /// is started first. A real robot's serial number is confirmed by a person.
 fn robot_is_ready(args: &PrintArgs, cell: &mut Cell) -> Result<(), Failure> {
@@ -78,7 +100,19 @@ fn robot_is_ready(args: &PrintArgs, cell: &mut Cell) -> Result<(), Failure> {
         // A screed-rt that somebody else has started may have its robot elsewhere.
         tell_person("note: the robot of that screed-rt is simulated and not looked at beforehand");
     } else {
-        let prepared = controller::prepare(&Place::of(cell)?, cell, args.upload.then_some(args.yes))?;
+        let wanted = Wanted { upload: args.upload, yes: args.yes, held: args.attach.is_some() };
+        let prepared = controller::prepare(&Place::of(cell)?, cell, wanted)?;
+        if cell.robot.simulated && !prepared.is_simulated && !io::stdin().is_terminal() {
+            let message = "nobody can be asked: the standard input is no terminal, and the robot may be real: its controller is \
+                           none of screed sim ur";
+            return Err(Failure::new(Exit::Failed, message, "start the print at a terminal"));
+        }
+        if !wanted.held && prepared.program == ProgramState::Following {
+            let message = "Screed's program follows setpoints that somebody sends: another print, or a screed-rt, drives the robot";
+            let remedy = "end it, or give its socket with --attach; one that has just ended is stopped by its watchdog, then \
+                          print again with --upload";
+            return Err(Failure::new(Exit::Link, message, remedy));
+        }
         if !args.json {
             tell_person(prepared.notes.trim_end());
         }

@@ -7,10 +7,15 @@ use crate::link::rtde::file::{self, Recipe, RecipeFile};
 use crate::run::rtde_record::{self, RecordOptions, Recorded};
 use crate::run::signal;
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, IsTerminal, Write};
+use std::path::Path;
 
 /// The outputs of a recipe as CSV, until the time is up or Ctrl-C.
 pub fn record(args: &RtdeRecordArgs) -> Result<(), Failure> {
+    if let Some(path) = args.out.as_ref().filter(|path| !args.force && path.is_file()) {
+        let message = format!("{} is there already", path.display());
+        return Err(Failure::new(Exit::Usage, message, "give another name, or --force to overwrite it"));
+    }
     let file = file::load(&args.config)?;
     let recipe = recipe(&file, &args.recipe)?;
     signal::catch_stop()?;
@@ -23,6 +28,7 @@ pub fn record(args: &RtdeRecordArgs) -> Result<(), Failure> {
         rate_hz: args.rate,
         seconds: args.seconds.map(|seconds| seconds.as_secs_f64()),
         stop: signal::stop_requested,
+        progress: if io::stderr().is_terminal() { tell } else { |_, _| {} },
     };
     match &args.out {
         None => {
@@ -32,13 +38,35 @@ pub fn record(args: &RtdeRecordArgs) -> Result<(), Failure> {
             Ok(())
         }
         Some(path) => {
-            let out = File::create(path).map_err(|error| {
-                let message = format!("cannot create {}: {error}", path.display());
-                Failure::new(Exit::Failed, message, "check the path, the rights and the free space")
-            })?;
-            say(&summary(&rtde_record::record(&options, &mut BufWriter::new(out))?, args.rate))
+            let mut out = BufWriter::new(Late { path, file: None });
+            say(&summary(&rtde_record::record(&options, &mut out)?, args.rate))
         }
     }
+}
+
+/// A file that is made when something is written to it: a record that fails before leaves none.
+struct Late<'a> {
+    path: &'a Path,
+    file: Option<File>,
+}
+
+impl Write for Late<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.file.is_none() {
+            let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", self.path.display()));
+            self.file = Some(File::create(self.path).map_err(named)?);
+        }
+        self.file.as_mut().map_or(Ok(0), |file| file.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.as_mut().map_or(Ok(()), File::flush)
+    }
+}
+
+/// How far it is, in place.
+fn tell(packages: u64, seconds: f64) {
+    let _ = write!(io::stderr(), "\r\x1b[K{packages} packages, {seconds:.0} s; Ctrl-C ends it\r");
 }
 
 fn recipe<'a>(file: &'a RecipeFile, key: &str) -> Result<&'a Recipe, Failure> {

@@ -5,7 +5,7 @@ use super::control;
 use super::keys;
 use super::read::{Document, Section};
 use super::{Bound, Cell, Extruder, Limits, Link, LinkKind, Pacing, Part, Realtime, Robot, Tool, Travel};
-use crate::link::rtde::file::{self, RecipeFile};
+use crate::link::rtde::file::{self, FileError, RecipeFile};
 use crate::robot::calibration::{self, Calibrated};
 use nalgebra::Vector3;
 use screed_kernel::arm::{Arm, Rating};
@@ -274,7 +274,11 @@ fn recipes(section: &mut Section<'_, '_>, folder: &Path) -> Option<Option<Recipe
     let Some(name) = section.text_if_given("recipes")? else { return Some(None) };
     match file::load(&folder.join(name)) {
         Ok(recipes) => Some(Some(recipes)),
-        Err(error) => section.impossible("recipes", "a file of RTDE recipes", &error.to_string()),
+        Err(FileError::Read { file, source }) => {
+            let found = format!("{}: {source}", file.display());
+            section.impossible("recipes", "a file that can be read", &found)
+        }
+        Err(error) => section.impossible("recipes", "a sound file of RTDE recipes", &error.to_string()),
     }
 }
 

@@ -50,6 +50,8 @@ pub const PROGRAM_STATE: Request<(ProgramState, String)> = question("programStat
 pub const MODEL: Request<String> = question("get robot model", name);
 /// The arm's serial number.
 pub const SERIAL: Request<String> = question("get serial number", name);
+/// The software's version.
+pub const VERSION: Request<Version> = question("PolyscopeVersion", version);
 /// Whether the robot takes commands from the network (e-Series and later).
 pub const REMOTE_CONTROL: Request<bool> =
     question("is in remote control", |line| line.to_ascii_lowercase().parse().ok());
@@ -83,6 +85,16 @@ fn name(line: &str) -> Option<String> {
     let sound = |c: char| c.is_ascii_alphanumeric() || matches!(c, ' ' | '-' | '_' | '.');
     let is_name = line.len() <= 64 && line.chars().all(sound) && line.contains(|c: char| c.is_ascii_digit());
     is_name.then(|| line.to_owned())
+}
+
+/// "URSoftware 5.11.6.1010 (Mar 01 2022)".
+fn version(line: &str) -> Option<Version> {
+    let numbers = line.split_whitespace().find(|word| word.split('.').count() >= 3)?;
+    let mut version = [0; 4];
+    for (place, number) in version.iter_mut().zip(numbers.split('.')) {
+        *place = number.parse().ok()?;
+    }
+    Some(version)
 }
 
 /// Power and brakes.
@@ -237,6 +249,9 @@ impl ProgramState {
         word(&Self::NAMES, self)
     }
 }
+
+/// A software version: major, minor, bugfix, build.
+pub type Version = [u32; 4];
 
 /// Why there is no answer. After the first error that is not [`Self::Refused`] or [`Self::NotKnown`] the client stays failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -4,6 +4,7 @@
 
 pub mod acts;
 pub mod check;
+pub mod inputs;
 pub mod program;
 #[cfg(test)]
 mod tests;

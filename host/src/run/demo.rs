@@ -73,6 +73,7 @@ impl Demo {
             source: (MODEL_NAME, text.as_bytes()),
             yes: true,
             quiet: self.quiet,
+            again: None,
         };
         if !self.fast {
             return self.timed(&print, &program);

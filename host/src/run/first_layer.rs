@@ -23,6 +23,11 @@ impl FirstLayer {
         Self { rate, layer: None, begun: false, laid: false, said: None }
     }
 
+    /// Its rate (0 to 1).
+    pub const fn rate(&self) -> f64 {
+        self.rate
+    }
+
     /// Whether it is laid.
     pub const fn is_laid(&self) -> bool {
         self.laid

@@ -1,5 +1,9 @@
 //! The timed print: starts or finds `screed-rt` or a board, drives a [`Session`] over its wire, and keeps a person informed.
 
+mod failed;
+
+pub use failed::Again;
+
 use crate::config::Cell;
 use crate::failure::{Exit, Failure};
 use crate::log::{LogWriter, Metadata};
@@ -7,7 +11,7 @@ use crate::model::fim::FimModel;
 use crate::run::children::{self, Process};
 use crate::run::job::Outcome;
 use crate::run::person;
-use crate::run::session::{Progress, Session, SessionError, Step, Wishes, degrees};
+use crate::run::session::{Progress, Session, Step, Wishes, degrees};
 use crate::run::signal;
 use crate::run::summary::Summary;
 use crate::run::wire::Wire;
@@ -42,6 +46,8 @@ pub struct Print<'a> {
     pub yes: bool,
     /// Whether no progress is shown.
     pub quiet: bool,
+    /// What goes on after a failure on the path; none where the robot ends with the print.
+    pub again: Option<Again>,
 }
 
 /// A connection to a kernel, and its process if this host started it.
@@ -131,9 +137,26 @@ pub fn run(print: &Print<'_>, attached: Attached) -> Result<Summary, Failure> {
         note!("screed-rt answers at {}; should this program be lost, attach another with --attach", place.display());
     }
     let now = Instant::now();
-    let mut driver =
-        Driver { wire, place, started: now, heard: now, shown: None, terminal: io::stderr().is_terminal() };
-    let result = driver.drive(&mut session, print);
+    let mut driver = Driver {
+        wire,
+        place,
+        started: now,
+        heard: now,
+        shown: None,
+        terminal: io::stderr().is_terminal(),
+        stays: process.is_none(),
+        told: false,
+        slow: false,
+    };
+    let result = driver.drive(&mut session, print).map_err(|failure| {
+        // What came together with the end: the fault itself, where the link failed.
+        driver.tell_alarms(&mut session);
+        let failure = driver.possible(failure);
+        match (&print.again, session.layer()) {
+            (Some(again), Some(layer)) => failed::going_on(failure, again, layer),
+            _ => failure,
+        }
+    });
     if process.is_some() {
         // Whatever happened: the process comes to rest, closes the extruder's line and ends.
         session.job().quit();
@@ -180,40 +203,21 @@ struct Driver {
     heard: Instant,
     shown: Option<Instant>,
     terminal: bool,
+    /// Whether the kernel goes on when this print has ended: one that was attached to, or on a board.
+    stays: bool,
+    /// Whether it was told what an earlier host has left.
+    told: bool,
+    /// Whether it was told that the first layer is laid slower.
+    slow: bool,
 }
 
 impl Driver {
     fn drive(&mut self, session: &mut Session<'_>, print: &Print<'_>) -> Result<&'static str, Failure> {
         let mut answer: Option<Receiver<bool>> = None;
-        let mut told = false;
-        let mut slow = false;
         let mut stopping: Option<Instant> = None;
         loop {
             self.exchange(session)?;
-            if !told && let Some(status) = session.job().left_behind() {
-                told = true;
-                let playing = matches!(status.mode, ModeCode::Moving | ModeCode::Stopping);
-                note!(
-                    "note: an earlier host was lost; its ring {} to its end, where the arm rests on its path: setpoint {} of {}. \
-                     To go on with that print, choose the layer with --from-layer.",
-                    if playing { "is being played" } else { "was played" },
-                    status.consumed,
-                    status.end_seq
-                );
-            }
-            for alarm in session.job().take_alarms() {
-                self.end_line();
-                note!("alarm: {alarm}");
-            }
-            if session.is_slow() != slow && session.plan().is_some() {
-                slow = !slow;
-                self.end_line();
-                let percent = print.wishes.first_layer_rate.unwrap_or(1.0) * 100.0;
-                match slow {
-                    true => note!("the first layer is laid at {percent:.0} % of its planned speed"),
-                    false => note!("the first layer is laid; the next ones go as planned"),
-                }
-            }
+            self.tell_news(session, print);
             match session.step(self.started.elapsed().as_secs_f64())? {
                 Step::Running => {}
                 Step::Confirm => {
@@ -227,21 +231,11 @@ impl Driver {
                     return Ok(if stopping.is_some() { "interrupted" } else { "stopped" });
                 }
             }
-            match answer.as_ref().map(Receiver::try_recv) {
-                Some(Ok(true)) => {
-                    answer = None;
-                    // Whichever was asked: the other does nothing now.
-                    session.job().rearm();
-                    session.confirm();
-                }
-                Some(Ok(false) | Err(TryRecvError::Disconnected)) => {
-                    return Err(Failure::new(
-                        Exit::Failed,
-                        "what was asked was not confirmed",
-                        "nothing has moved; start again when it may",
-                    ));
-                }
-                Some(Err(TryRecvError::Empty)) | None => {}
+            if is_confirmed(answer.as_ref())? {
+                answer = None;
+                // Whichever was asked: the other does nothing now.
+                session.job().rearm();
+                session.confirm();
             }
             if signal::stop_requested() && stopping.is_none() {
                 stopping = Some(Instant::now());
@@ -255,6 +249,48 @@ impl Driver {
                 self.show(session);
             }
         }
+    }
+
+    /// What a person has to hear once: what an earlier host has left, alarms, how fast the first layer is laid.
+    fn tell_news(&mut self, session: &mut Session<'_>, print: &Print<'_>) {
+        if !self.told
+            && let Some(status) = session.job().left_behind()
+        {
+            self.told = true;
+            let playing = matches!(status.mode, ModeCode::Moving | ModeCode::Stopping);
+            note!(
+                "note: an earlier host was lost; its ring {} to its end, where the arm rests on its path: setpoint {} of {}. \
+                 To go on with that print, choose the layer with --from-layer.",
+                if playing { "is being played" } else { "was played" },
+                status.consumed,
+                status.end_seq
+            );
+        }
+        self.tell_alarms(session);
+        if session.is_slow() != self.slow && session.plan().is_some() {
+            self.slow = !self.slow;
+            self.end_line();
+            let percent = print.wishes.first_layer_rate.unwrap_or(1.0) * 100.0;
+            match self.slow {
+                true => note!("the first layer is laid at {percent:.0} % of its planned speed"),
+                false => note!("the first layer is laid; the next ones go as planned"),
+            }
+        }
+    }
+
+    fn tell_alarms(&mut self, session: &mut Session<'_>) {
+        for alarm in session.job().take_alarms() {
+            self.end_line();
+            note!("alarm: {}", words::possible(&alarm, self.stays));
+        }
+    }
+
+    /// Without what cannot be done once the kernel has ended.
+    fn possible(&self, mut failure: Failure) -> Failure {
+        for problem in &mut failure.problems {
+            problem.remedy = problem.remedy.take().map(|remedy| words::possible(&remedy, self.stays).to_owned());
+        }
+        failure
     }
 
     /// Waits a little for the process, hears it, and says what there is to say.
@@ -303,8 +339,8 @@ impl Driver {
             true => Failure::new(Exit::Link, "screed-rt has ended", "see where the arm stands, then start again"),
             false => Failure::new(
                 Exit::Link,
-                "screed-rt closed the connection at once: another host is attached to it",
-                "wait until that one has ended, or end it",
+                format!("the screed-rt at {} is busy: another print is attached to it", self.place.display()),
+                "wait until that print has ended, or end it there with Ctrl-C; it comes to rest on its path",
             ),
         }
     }
@@ -382,6 +418,18 @@ impl Driver {
     }
 }
 
+/// Whether a person who was asked has said yes.
+fn is_confirmed(answer: Option<&Receiver<bool>>) -> Result<bool, Failure> {
+    match answer.map(Receiver::try_recv) {
+        Some(Ok(true)) => Ok(true),
+        Some(Ok(false) | Err(TryRecvError::Disconnected)) => {
+            let message = "what was asked was not confirmed";
+            Err(Failure::new(Exit::Failed, message, "nothing has moved; start again when it may"))
+        }
+        Some(Err(TryRecvError::Empty)) | None => Ok(false),
+    }
+}
+
 /// Asks on standard error; the answer comes from a thread of its own, so that the print is listened to while the person
 /// thinks. For a robot that may be real only a terminal answers.
 fn answer_to(print: &Print<'_>, question: &str, wanted: &'static str) -> Receiver<bool> {
@@ -421,51 +469,4 @@ pub fn progress_line(session: &mut Session<'_>, progress: &Progress) -> String {
         figures.overruns,
         if realtime { "RT" } else { "NON-RT" },
     )
-}
-
-/// What a session's failure means to the shell.
-impl From<SessionError> for Failure {
-    fn from(error: SessionError) -> Self {
-        use crate::run::job::JobError;
-        match error {
-            SessionError::Plan(error) | SessionError::Job(JobError::Plan(error)) => error.into(),
-            SessionError::Log(error) => error.into(),
-            SessionError::Job(error) => {
-                let (exit, remedy) = match &error {
-                    JobError::Fault(report) => (Exit::SafetyStop, report.fault.action()),
-                    JobError::Unanswered { .. } | JobError::Reset => (
-                        Exit::Link,
-                        "mend the line, see where the arm stands, then start again; nothing moves by itself",
-                    ),
-                    JobError::Link(_) => (Exit::Link, "mend the link and start again; nothing moves by itself"),
-                    JobError::Underrun { .. } => (Exit::Failed, "run on a quieter machine; go on with --from-layer"),
-                    _ => (Exit::Failed, "start screed and screed-rt of the same build; report this if they are"),
-                };
-                Self::new(exit, error.to_string(), remedy)
-            }
-        }
-    }
-}
-
-impl From<children::ChildError> for Failure {
-    fn from(error: children::ChildError) -> Self {
-        match error {
-            children::ChildError::Ended { code, message } => {
-                let exit = match code {
-                    Some(3) => Exit::Input,
-                    Some(4) => Exit::Link,
-                    Some(6) => Exit::NotRealTime,
-                    _ => Exit::Failed,
-                };
-                let (message, remedy) = match message.split_once("\nremedy: ") {
-                    Some((message, remedy)) => (message.to_owned(), remedy.to_owned()),
-                    None => (message, "start it by hand to see what is wrong".to_owned()),
-                };
-                Self::new(exit, message, remedy)
-            }
-            error @ children::ChildError::Spawn { .. } => {
-                Self::new(Exit::Failed, error.to_string(), "install both programs, screed and screed-rt, in one folder")
-            }
-        }
-    }
 }

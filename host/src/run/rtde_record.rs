@@ -16,6 +16,8 @@ use std::time::{Duration, Instant};
 const TIMEOUT_NS: u64 = 3_000_000_000;
 /// How often Ctrl-C is looked at.
 const LOOK: Duration = Duration::from_millis(20);
+/// How often it is told how far it is.
+const TELL: Duration = Duration::from_secs(1);
 /// Different steps of time that are kept apart; an honest controller makes a handful.
 const STEPS_MAX: usize = 4096;
 
@@ -36,6 +38,8 @@ pub struct RecordOptions<'a> {
     pub seconds: Option<f64>,
     /// Ends when this says so.
     pub stop: fn() -> bool,
+    /// Is told once a second how many packages have come, and over how long (s) by the controller's time.
+    pub progress: fn(u64, f64),
 }
 
 /// What was recorded.
@@ -75,10 +79,25 @@ pub enum RecordError {
     Write(io::Error),
 }
 
+impl RecordError {
+    /// With how many packages had been written by then.
+    fn after(self, packages: u64) -> Self {
+        match self {
+            Self::Link { message } if packages > 0 => {
+                Self::Link { message: format!("after {packages} packages, which are written: {message}") }
+            }
+            other => other,
+        }
+    }
+}
+
 impl From<RecordError> for Failure {
     fn from(error: RecordError) -> Self {
-        let exit = if matches!(error, RecordError::Write(_)) { Exit::Failed } else { Exit::Link };
-        Self::told(exit, error.to_string())
+        match &error {
+            RecordError::Write(_) => Self::told(Exit::Failed, error.to_string()),
+            RecordError::Connect { .. } => Self::told(Exit::Link, error.to_string()),
+            RecordError::Link { message } => Self::told(Exit::Link, message),
+        }
     }
 }
 
@@ -138,19 +157,24 @@ pub fn record(options: &RecordOptions<'_>, out: &mut dyn Write) -> Result<Record
         out,
         wanted: reader.wanted(),
         seconds: options.seconds,
+        head: None,
         first: None,
+        since: 0.0,
         ended: false,
         failed: None,
         rows: 0,
     };
     table.head(reader.fields().get(..reader.wanted()).unwrap_or(&[]));
     let mut steps = Steps::default();
-    let result = exchange(&mut stream, &mut reader, &mut table, &mut steps, options.stop);
+    let result = exchange(&mut stream, &mut reader, &mut table, &mut steps, options);
+    if result.is_ok() {
+        table.write_head();
+    }
     let flushed = table.out.flush();
     // Whoever reads the table may have seen enough, as `head` does.
     match table.failed.map_or(flushed, Err) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => return Err(RecordError::Write(error)),
-        _ => result?,
+        _ => result.map_err(|error| error.after(table.rows))?,
     }
     Ok(Recorded { packages: table.rows, controller: reader.controller(), protocol: reader.protocol(), steps })
 }
@@ -176,32 +200,27 @@ fn exchange(
     reader: &mut RtdeReader,
     table: &mut Table<'_>,
     steps: &mut Steps,
-    stop: fn() -> bool,
+    options: &RecordOptions<'_>,
 ) -> Result<(), RecordError> {
     let began = Instant::now();
+    let mut told = began;
     let now = || Nanos(u64::try_from(began.elapsed().as_nanos()).unwrap_or(u64::MAX));
     let fields = reader.fields().to_vec();
     let mut bytes = [0; 64 * 1024];
     let mut pausing = false;
     loop {
-        if !pausing && (table.ended || stop()) {
+        if !pausing && (table.ended || (options.stop)()) {
             pausing = true;
             // Before it runs there is nothing to pause.
             if reader.pause().is_err() {
                 return Ok(());
             }
         }
-        let mut part = [0; 1024];
-        loop {
-            match reader.poll_transmit(now(), &mut part) {
-                0 => break,
-                count if stream.write_all(part.get(..count).unwrap_or(&[])).is_ok() => {}
-                _ => {
-                    let error = reader.handle_closed();
-                    return Err(RecordError::Link { message: reader.explain(&error).to_string() });
-                }
-            }
+        if told.elapsed() > TELL {
+            told = Instant::now();
+            (options.progress)(table.rows, table.since);
         }
+        send(stream, reader, now())?;
         if reader.phase() == Phase::Paused {
             return Ok(());
         }
@@ -223,6 +242,21 @@ fn exchange(
     }
 }
 
+/// Sends what waits.
+fn send(stream: &mut TcpStream, reader: &mut RtdeReader, now: Nanos) -> Result<(), RecordError> {
+    let mut part = [0; 1024];
+    loop {
+        match reader.poll_transmit(now, &mut part) {
+            0 => return Ok(()),
+            count if stream.write_all(part.get(..count).unwrap_or(&[])).is_ok() => {}
+            _ => {
+                let error = reader.handle_closed();
+                return Err(RecordError::Link { message: reader.explain(&error).to_string() });
+            }
+        }
+    }
+}
+
 fn is_wait(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }
@@ -232,8 +266,12 @@ struct Table<'a> {
     out: &'a mut dyn Write,
     wanted: usize,
     seconds: Option<f64>,
+    /// The first line, until the first row comes: what fails before leaves nothing behind.
+    head: Option<String>,
     /// The first time stamp.
     first: Option<f64>,
+    /// The time since then (s).
+    since: f64,
     ended: bool,
     failed: Option<io::Error>,
     rows: u64,
@@ -247,8 +285,13 @@ impl Table<'_> {
             let one = field.kind.elements() == 1;
             (0..field.kind.elements()).map(move |n| if one { name.to_string() } else { format!("{name}_{n}") })
         });
-        let line = columns.collect::<Vec<_>>().join(",");
-        self.keep(&line);
+        self.head = Some(columns.collect::<Vec<_>>().join(","));
+    }
+
+    fn write_head(&mut self) {
+        if let Some(head) = self.head.take() {
+            self.keep(&head);
+        }
     }
 
     fn row(&mut self, fields: &[Field], row: &[u8], steps: &mut Steps) {
@@ -261,6 +304,8 @@ impl Table<'_> {
             self.ended = true;
             return;
         }
+        self.since = since;
+        self.write_head();
         steps.add(time);
         let numbers =
             values(fields, row).take(self.wanted).flat_map(|(_, numbers)| numbers.map(|number| number.to_string()));

@@ -150,6 +150,11 @@ impl<'a> Session<'a> {
         self.first.as_ref().is_some_and(|first| !first.is_laid())
     }
 
+    /// The layer that the tool was at last; none before the path has begun.
+    pub fn layer(&self) -> Option<usize> {
+        self.at.map(|at| at.layer)
+    }
+
     /// The job.
     pub fn job(&mut self) -> &mut Job {
         &mut self.job
@@ -165,7 +170,13 @@ impl<'a> Session<'a> {
         let plan = self.plan.as_ref()?;
         let at = self.at?;
         let total = plan.last_seq();
-        let left = f64::from(total.saturating_sub(at.seq)) * self.period();
+        // Until the first layer is laid, the path clock goes slower.
+        let slow = self.first.as_ref().filter(|first| !first.is_laid());
+        let later = slow.map_or(0.0, |first| {
+            let until = first_layer_end(plan).saturating_sub(at.seq);
+            f64::from(until) * (1.0 / first.rate() - 1.0)
+        });
+        let left = (f64::from(total.saturating_sub(at.seq)) + later) * self.period();
         Some(Progress {
             layer: at.layer,
             kind: at.kind,
@@ -213,6 +224,11 @@ impl Session<'_> {
         summary.hash = format!("{:016x}", self.job.account().hash());
         summary
     }
+}
+
+/// The last setpoint of a plan's first layer: with it that layer is laid.
+fn first_layer_end(plan: &Plan) -> u32 {
+    plan.moves().iter().find(|step| step.kind == MoveKind::Deposit).map_or(0, |step| step.last_seq)
 }
 
 /// Positions in the model of the first layer of a plan and of the one behind its last.
@@ -278,7 +294,7 @@ pub struct Progress {
     pub layers: (usize, usize),
     /// Share of the path's setpoints commanded.
     pub share: f64,
-    /// Time that the rest of the path takes at 100 % (s).
+    /// Time that the rest of the path takes (s): the rest of a first layer at its own rate, all else at 100 %.
     pub seconds_left: f64,
     /// Time since motion began (s).
     pub seconds: f64,
@@ -287,4 +303,46 @@ pub struct Progress {
 /// Joint angles for a person.
 pub fn degrees(joints: &JointPos<6>) -> String {
     joints.0.map(|q| format!("{:7.1}", q.to_degrees())).join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use screed_fixtures::{QuarterCircle, quarter_circle};
+
+    /// Against the sum over the path's setpoints, each at the rate that the first layer asks for there.
+    #[test]
+    fn the_time_left_counts_the_first_layer_at_its_own_rate() {
+        let cell = Cell::demo(125).unwrap();
+        let text = quarter_circle(&QuarterCircle { layers: 2, ..QuarterCircle::default() });
+        let model = crate::model::fim::parse("wall.ifc", text.as_bytes()).unwrap();
+        let plan = Plan::new(&model, &cell, &PlanOptions::default(), &cell.robot.start).unwrap();
+        let mut setpoints: Vec<Planned> = Vec::new();
+        for batch in plan.batches() {
+            let batch = batch.unwrap();
+            setpoints.extend(batch.setpoints.iter().take(batch.path_len));
+        }
+        let plan = Arc::new(plan);
+        let total = plan.last_seq();
+        let last = |kind| setpoints.iter().find(|at| at.kind == kind).unwrap().seq;
+        for rate in [1.0, 0.5, 0.3] {
+            for seq in [1, last(MoveKind::Lower), last(MoveKind::Deposit) + 40, last(MoveKind::Lift) + 1, total - 9] {
+                let wishes = Wishes { first_layer_rate: Some(rate), ..Wishes::default() };
+                let mut session = Session::new(&cell, &model, wishes, None);
+                session.plan = Some(Arc::clone(&plan));
+                let (mut first, mut expected) = (FirstLayer::new(rate), 0.0);
+                for at in setpoints.iter().filter(|at| at.seq <= total) {
+                    first.step(0.0, Some(at), rate);
+                    if at.seq == seq {
+                        (session.at, session.first) = (Some(*at), Some(first.clone()));
+                    }
+                    if at.seq > seq {
+                        expected += if first.is_laid() { 0.008 } else { 0.008 / rate };
+                    }
+                }
+                let left = session.progress(0.0).unwrap().seconds_left;
+                assert!((left - expected).abs() < 0.03, "rate {rate}, setpoint {seq}: {left}, {expected}");
+            }
+        }
+    }
 }

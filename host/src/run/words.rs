@@ -48,6 +48,11 @@ pub fn fault(fault: &Fault) -> String {
     format!("{}: {}{figures}", fault.code(), fault.cause())
 }
 
+/// What a person is told to do, without leaving a fault of a kernel that does not stay: there is nothing to re-arm then.
+pub fn possible(action: &str, stays: bool) -> &str {
+    if stays { action } else { action.strip_suffix("; then re-arm").unwrap_or(action) }
+}
+
 /// Why the arm cannot be where it should.
 fn unreached(reason: Unreached, value: f64) -> String {
     match reason {
@@ -117,6 +122,14 @@ const fn unsound(what: Unsound) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nothing_is_re_armed_where_the_kernel_has_ended() {
+        for kind in Fault::KINDS {
+            assert!(!possible(kind.action(), false).contains("re-arm"), "{kind:?}");
+            assert_eq!(possible(kind.action(), true), kind.action());
+        }
+    }
 
     #[test]
     fn each_fault_is_told_with_code_cause_and_its_figures_in_a_persons_units() {

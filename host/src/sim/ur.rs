@@ -97,7 +97,7 @@ const CONTROL_LOOP: &str = "def rtde_control_loop():
 end
 ";
 /// What the controller says its serial number is; a real one is of the same form.
-const SERIAL_NUMBER: &str = "20220000000";
+pub const SERIAL_NUMBER: &str = "20220000000";
 
 /// How a controller is made.
 #[derive(Clone, Debug)]

@@ -35,6 +35,9 @@ pub struct RtdeRecordArgs {
     /// Write to this file, instead of the standard output
     #[arg(short, long, value_name = "FILE.csv")]
     pub out: Option<PathBuf>,
+    /// Overwrite that file where it is there already
+    #[arg(long, requires = "out")]
+    pub force: bool,
 }
 
 /// A host with or without a port; an IPv6 address with a port stands in brackets.

@@ -31,6 +31,9 @@ fn answers_are_read_as_controllers_give_them() {
     is_read(&PROGRAM_STATE, "STOPPED my wall.urp", (ProgramState::Stopped, "my wall.urp".to_owned()));
     is_read(&MODEL, "UR10", "UR10".to_owned());
     is_read(&SERIAL, "20195500123", "20195500123".to_owned());
+    is_read(&VERSION, "URSoftware 5.11.6.1010 (Mar 01 2022)", [5, 11, 6, 1010]);
+    is_read(&VERSION, "3.14.3.0 (Dec 01 2020)", [3, 14, 3, 0]);
+    is_read(&VERSION, "URSoftware 5.9.4 (x)", [5, 9, 4, 0]);
     is_read(&REMOTE_CONTROL, "true", true);
     is_read(&REMOTE_CONTROL, "False", false);
     for (request, line) in [
@@ -64,6 +67,7 @@ fn refusals_and_nonsense_are_told_apart() {
     unexpected(refused(&ROBOT_MODE, "Robotmode: DANCING"));
     unexpected(refused(&ROBOT_MODE, "Safetymode: NORMAL"));
     unexpected(refused(&SERIAL, "no serial"));
+    unexpected(refused(&VERSION, "URSoftware 5.x.1"));
     unexpected(refused(&REMOTE_CONTROL, "maybe"));
 }
 
@@ -121,7 +125,7 @@ fn no_bytes_make_it_panic_or_grow() {
             match round % 4 {
                 0 => _ = client.take_answer(&ROBOT_MODE),
                 1 => _ = client.take_answer(&PROGRAM_STATE),
-                2 => _ = client.take_answer(&SERIAL),
+                2 => _ = client.take_answer(&VERSION),
                 _ => _ = client.take_answer(&REMOTE_CONTROL),
             }
             assert!(client.inbox.len() <= LINE_MAX);

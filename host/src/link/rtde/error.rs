@@ -187,11 +187,12 @@ pub enum LinkError {
     #[error("a setpoint before the robot has said where it is; wait for its first state")]
     NoState,
     /// Setpoints faster than they leave.
-    #[error("setpoints wait unsent: the robot or the network does not take them")]
+    #[error("setpoints wait unsent, the robot or the network does not take them; check the network")]
     TransmitFull,
     /// A setpoint that must not go out.
     #[error(
-        "setpoint of joint {joint} = {value} rad is not finite, out of the arm's range, or all joints are exactly zero"
+        "setpoint of joint {joint} = {value} rad is not finite, out of the arm's range, or all joints are exactly zero, so it was not \
+         sent; compare the robot's model with the cell file's, save the log and report it"
     )]
     ImpossibleSetpoint {
         /// The first joint at fault (0 is the base).

@@ -107,6 +107,14 @@ pub enum FileError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// Its bytes are no UTF-8.
+    #[error("{}: expected text in UTF-8, found {found}", file.display())]
+    Encoding {
+        /// The file.
+        file: PathBuf,
+        /// What its bytes are.
+        found: String,
+    },
     /// Something in it is wrong.
     #[error("{}:{}:{}: {fault}", place.file, place.line, place.column)]
     Invalid {
@@ -123,6 +131,11 @@ impl From<FileError> for Failure {
             FileError::Read { .. } => {
                 Self::new(Exit::Input, error.to_string(), "check the path and that the file may be read")
             }
+            FileError::Encoding { .. } => Self::new(
+                Exit::Input,
+                error.to_string(),
+                "save it as UTF-8 in an editor, and without encoding=\"UTF-16\"",
+            ),
             FileError::Invalid { place, fault } => Self::new(Exit::Input, fault.to_string(), fault.remedy()).at(*place),
         }
     }
@@ -135,8 +148,21 @@ type Located = (Range<usize>, FileFault);
 /// # Errors
 /// [`FileError`].
 pub fn load(path: &Path) -> Result<RecipeFile, FileError> {
-    let text = std::fs::read_to_string(path).map_err(|source| FileError::Read { file: path.to_owned(), source })?;
-    parse(&path.to_string_lossy(), &text)
+    let bytes = std::fs::read(path).map_err(|source| FileError::Read { file: path.to_owned(), source })?;
+    let text = utf8(&bytes).map_err(|found| FileError::Encoding { file: path.to_owned(), found })?;
+    parse(&path.to_string_lossy(), text)
+}
+
+/// The text, without a mark of its byte order; or what the bytes are instead.
+fn utf8(bytes: &[u8]) -> Result<&str, String> {
+    if matches!(bytes, [0xff, 0xfe, ..] | [0xfe, 0xff, ..] | [b'<', 0, ..] | [0, b'<', ..]) {
+        return Err("UTF-16".to_owned());
+    }
+    let text = std::str::from_utf8(bytes).map_err(|error| {
+        let line = bytes.iter().take(error.valid_up_to()).filter(|byte| **byte == b'\n').count() + 1;
+        format!("other bytes in line {line}")
+    })?;
+    Ok(text.strip_prefix('\u{feff}').unwrap_or(text))
 }
 
 /// Reads the text of a file; `name` is the file's name for messages.

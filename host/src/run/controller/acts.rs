@@ -65,6 +65,21 @@ impl Act {
         })
     }
 
+    /// Whether there is something to do.
+    ///
+    /// # Errors
+    /// [`Failure`] where unlocking would wait for what only another act can end.
+    pub fn is_wanted(self, now: &Standing) -> Result<bool, Failure> {
+        match (self, now.safety) {
+            (Self::Unlock, dashboard::Safety::ProtectiveStop) => Ok(true),
+            (Self::Unlock, safety) if safety.is_well() => Ok(false),
+            (Self::Unlock, _) => {
+                Err(told("unlock ends protective stops, and another one holds the robot".to_owned(), self, now))
+            }
+            _ => Ok(true),
+        }
+    }
+
     const fn requests(self) -> &'static [Request<()>] {
         match self {
             Self::PowerOn => &[dashboard::POWER_ON],
@@ -78,12 +93,13 @@ impl Act {
     }
 
     /// Whether the robot stands as it shall after the act.
-    const fn is_done(self, now: &Standing) -> bool {
+    fn is_done(self, now: &Standing) -> bool {
         match self {
             Self::PowerOn => matches!(now.mode, RobotMode::Idle | RobotMode::Running),
             Self::PowerOff => matches!(now.mode, RobotMode::PowerOff),
             Self::BrakeRelease => matches!(now.mode, RobotMode::Running),
-            Self::Unlock => now.safety.is_well(),
+            // What else stops the robot then is told.
+            Self::Unlock => now.safety != dashboard::Safety::ProtectiveStop,
             Self::Play => matches!(now.program, ProgramState::Playing),
             Self::Stop => matches!(now.program, ProgramState::Stopped),
             Self::ClosePopup => true,

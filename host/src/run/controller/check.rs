@@ -2,12 +2,13 @@
 
 use super::acts;
 use super::program::{PLAYING, STOPPED, ours};
-use super::view::{View, table};
+use super::view::{Standing, View, table};
 use crate::config::Cell;
 use crate::failure::{Exit, Failure, Problem};
 use crate::link::rtde::look::State;
 use crate::link::rtde::program::ProgramState;
 use crate::robot::calibration;
+use crate::sim::ur::SERIAL_NUMBER;
 use nalgebra::Vector3;
 use screed_kernel::arm::Arm;
 use screed_kernel::arms::ur;
@@ -27,8 +28,8 @@ pub const PAYLOAD_COG_MAX: f64 = 0.01;
 pub const PROGRAM: &str = "program";
 /// A tool that differs by more is told of (m, rad).
 const TOOL_MAX: [f64; 2] = [1e-3, 0.01];
-/// Controllers below this serve 125 Hz.
-const MAJOR_500_HZ: u32 = 5;
+/// Controllers below this are CB3's and serve 125 Hz.
+const MAJOR_E_SERIES: u32 = 5;
 
 /// How one thing stands.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,9 +74,9 @@ impl Finding {
 
 /// Everything that was looked at, in the order in which a person mends it.
 pub fn judge(cell: &Cell, view: &View) -> Vec<Finding> {
-    vec![
-        model(cell, view),
-        serial(cell, view),
+    let mut findings = vec![
+        model(cell, &view.standing, Some(view.controller.major)),
+        serial(cell, &view.standing),
         software(cell, view),
         remote(view),
         safety(view),
@@ -87,7 +88,22 @@ pub fn judge(cell: &Cell, view: &View) -> Vec<Finding> {
         payload(cell, view),
         payload_cog(cell, view),
         program(view),
-    ]
+    ];
+    findings.extend(view.inputs.as_ref().map(inputs));
+    findings
+}
+
+/// Whether the robot is the cell's, as far as its dashboard tells: before it is powered or its program plays.
+pub fn identity(cell: &Cell, standing: &Standing) -> Vec<Finding> {
+    let major = standing.software.map(|[major, ..]| major);
+    vec![model(cell, standing, major), serial(cell, standing)]
+}
+
+/// Whether the cell's robot is simulated, and its controller shows itself as one of Screed or with the serial number that the cell
+/// gives a simulated one: behind a loopback address there may be the forwarded port of a real robot.
+pub fn is_simulated(cell: &Cell, standing: &Standing) -> bool {
+    let known = [Some(SERIAL_NUMBER), cell.robot.serial.as_deref()];
+    cell.robot.simulated && standing.serial.is_some() && known.contains(&standing.serial.as_deref())
 }
 
 /// The failure that the bad ones make; none where there are none.
@@ -111,25 +127,36 @@ fn stem(name: &str) -> String {
     plain.trim_end_matches('e').to_owned()
 }
 
-fn model(cell: &Cell, view: &View) -> Finding {
+/// Of the generation before the e-Series, whose software is below 5; all others need newer software.
+const CB3: [&str; 3] = ["ur3", "ur5", "ur10"];
+
+fn model(cell: &Cell, standing: &Standing, major: Option<u32>) -> Finding {
     const WHAT: &str = "robot model";
     let own = &cell.robot.model;
-    let Some(found) = &view.standing.model else {
+    let Some(found) = &standing.model else {
         return Finding::note(WHAT, format!("{own} in the cell; the controller's software is too old to tell its own"));
     };
     // Successors keep a geometry under another name; which one a controller tells is not known.
     let nominal = ur::ALL.iter().find(|arm| arm.name == own).map(|arm| arm.dh);
     let fits = |arm: &&Arm<6>| Some(arm.dh) == nominal && stem(arm.name) == stem(found);
-    if ur::ALL.iter().any(|arm| fits(&arm)) {
-        return Finding::good(WHAT, format!("{found}, {own} in the cell"));
-    }
     let action = "set model in [robot] to the robot that is there, or address in [link] to the robot that is meant";
-    Finding::bad(WHAT, format!("expected {own}, found {found}"), Exit::Input, action)
+    let text = format!("expected {own}, found {found}");
+    if !ur::ALL.iter().any(|arm| fits(&arm)) {
+        return Finding::bad(WHAT, text, Exit::Input, action);
+    }
+    // The dashboard calls a UR10e and a UR10 the same.
+    match major {
+        Some(major) if (major < MAJOR_E_SERIES) != CB3.contains(&own.as_str()) => {
+            let kind = if major < MAJOR_E_SERIES { "a CB3's" } else { "an e-Series'" };
+            Finding::bad(WHAT, format!("{text} with software {major}, {kind}"), Exit::Input, action)
+        }
+        _ => Finding::good(WHAT, format!("{found}, {own} in the cell")),
+    }
 }
 
-fn serial(cell: &Cell, view: &View) -> Finding {
+fn serial(cell: &Cell, standing: &Standing) -> Finding {
     const WHAT: &str = "serial number";
-    match (&cell.robot.serial, &view.standing.serial) {
+    match (&cell.robot.serial, &standing.serial) {
         (Some(own), Some(found)) if own == found => Finding::good(WHAT, found),
         (Some(own), Some(found)) => {
             let action =
@@ -144,8 +171,14 @@ fn serial(cell: &Cell, view: &View) -> Finding {
         ),
         (None, found) => {
             let found = found.as_deref().unwrap_or("not told");
-            if cell.robot.simulated {
+            if is_simulated(cell, standing) {
                 return Finding::good(WHAT, found);
+            }
+            if cell.robot.simulated {
+                let text = format!(
+                    "{found}; not the number of a simulated controller of Screed: it may be a real robot, or the cell lacks serial"
+                );
+                return Finding::note(WHAT, text);
             }
             let action =
                 format!("compare it with the plate on the robot's base and add serial = \"{found}\" to [robot]");
@@ -158,7 +191,7 @@ fn software(cell: &Cell, view: &View) -> Finding {
     const WHAT: &str = "software";
     let (version, rate) = (view.controller, cell.link.rate_hz);
     let text = format!("{}.{}.{}.{}, {rate} Hz wanted", version.major, version.minor, version.bugfix, version.build);
-    if version.major < MAJOR_500_HZ && rate > 125 {
+    if version.major < MAJOR_E_SERIES && rate > 125 {
         return Finding::bad(WHAT, text + "; it serves at most 125", Exit::Input, "set rate_hz = 125 in [link]");
     }
     Finding::good(WHAT, text)
@@ -332,6 +365,16 @@ fn payload_cog(cell: &Cell, view: &View) -> Finding {
 pub fn playing(view: &View) -> Option<ProgramState> {
     let State { runtime_state, program_state, .. } = view.state;
     ours(program_state, view.is_counting).filter(|_| runtime_state == PLAYING)
+}
+
+fn inputs(found: &Result<(), String>) -> Finding {
+    const WHAT: &str = "registers";
+    let Err(text) = found else { return Finding::good(WHAT, "free") };
+    let Failure { mut problems, exit } = Failure::told(Exit::Link, text);
+    match problems.pop() {
+        Some(Problem { message, remedy: Some(action), .. }) => Finding::bad(WHAT, message, exit, action),
+        _ => Finding::bad(WHAT, text, Exit::Link, "see the controller's log"),
+    }
 }
 
 fn program(view: &View) -> Finding {

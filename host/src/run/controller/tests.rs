@@ -3,7 +3,7 @@
 use super::acts::Act;
 use super::check::{self, Finding, Verdict};
 use super::view::{Standing, View};
-use crate::config::Cell;
+use crate::config::{Cell, Robot};
 use crate::failure::Exit;
 use crate::link::dashboard::{ProgramState, RobotMode, Safety};
 use crate::link::primary::Kinematics;
@@ -27,6 +27,7 @@ fn sound() -> (Cell, View) {
         standing: Standing {
             model: Some("UR10".to_owned()),
             serial: cell.robot.serial.clone(),
+            software: Some([5, 11, 6, 1]),
             remote: Some(true),
             mode: RobotMode::Running,
             safety: Safety::Normal,
@@ -57,6 +58,7 @@ fn sound() -> (Cell, View) {
             alpha: column(|dh| dh.sin_alpha.atan2(dh.cos_alpha)),
             status: 2,
         },
+        inputs: Some(Ok(())),
     };
     (cell, view)
 }
@@ -84,7 +86,7 @@ fn a_sound_robot_is_found_sound() {
 #[test]
 fn everything_that_is_wrong_is_found_with_its_class_and_an_action() {
     type Change = fn(&mut Cell, &mut View);
-    let table: [(&str, Exit, &str, Change); 24] = [
+    let table: [(&str, Exit, &str, Change); 25] = [
         ("speed slider", Exit::Link, "at 50 %", |_, view| view.state.target_speed_fraction = Some(0.5)),
         ("robot model", Exit::Input, "expected ur10e, found UR5", |_, view| {
             view.standing.model = Some("UR5".to_owned())
@@ -96,9 +98,7 @@ fn everything_that_is_wrong_is_found_with_its_class_and_an_action() {
         ("serial number", Exit::Input, "add serial = \"20195500123\"", |cell, _| {
             (cell.robot.serial, cell.robot.simulated) = (None, false);
         }),
-        ("software", Exit::Input, "at most 125", |cell, view| {
-            (cell.link.rate_hz, view.controller.major) = (500, 3);
-        }),
+        ("robot model", Exit::Input, "found UR10 with software 3, a CB3's", |_, view| view.controller.major = 3),
         ("safety", Exit::SafetyStop, "screed robot unlock", |_, view| view.standing.safety = Safety::ProtectiveStop),
         ("safety", Exit::SafetyStop, "emergency stop button", |_, view| {
             view.standing.safety = Safety::RobotEmergencyStop;
@@ -114,6 +114,9 @@ fn everything_that_is_wrong_is_found_with_its_class_and_an_action() {
         ("tool pose", Exit::Input, "calibration = \"controller\"", |_, view| view.state.actual_tcp_pose[2] += 0.0002),
         ("payload", Exit::Input, "expected 2 kg, found 1.5 kg", |cell, _| cell.tool.payload = Some(2.0)),
         ("payload's centre", Exit::Input, "installation", |cell, _| cell.tool.payload_cog = Some([0.02, 0.0, 0.1])),
+        ("registers", Exit::Link, "remedy: switch the fieldbus off", |_, view| {
+            view.inputs = Some(Err("all 7 inputs are in use: a fieldbus; switch the fieldbus off".to_owned()));
+        }),
         ("program", Exit::Link, "--upload", |_, view| view.state.runtime_state = 1),
         ("program", Exit::Link, "close-popup", |_, view| view.state.runtime_state = 4),
         ("program", Exit::Link, "register_offset", |_, view| view.state.program_state = 0),
@@ -166,23 +169,31 @@ fn what_cannot_be_compared_is_told_and_no_obstacle() {
 /// Models as dashboards name them: without the e-Series' letter, with spaces; a successor's by either name.
 #[test]
 fn models_are_known_by_the_dashboards_names() {
-    for (own, told, fits) in [
-        ("ur3e", "UR3", true),
-        ("ur3", "UR3", true),
-        ("ur8long", "UR8 Long", true),
-        ("ur16e", "UR16e", true),
-        ("ur7e", "UR5", true),
-        ("ur7e", "UR7", true),
-        ("ur12e", "UR10", true),
-        ("ur20", "UR20", true),
-        ("ur20", "UR30", false),
-        ("ur5e", "UR3", false),
-        ("ur10e", "UR1", false),
+    for (own, told, major, fits) in [
+        ("ur3e", "UR3", 5, true),
+        ("ur3", "UR3", 3, true),
+        ("ur3", "UR3", 5, false),
+        ("ur10e", "UR10", 3, false),
+        ("ur10", "UR10", 3, true),
+        ("ur10", "UR10", 5, false),
+        ("ur20", "UR20", 3, false),
+        ("ur8long", "UR8 Long", 5, true),
+        ("ur16e", "UR16e", 5, true),
+        ("ur7e", "UR5", 5, true),
+        ("ur7e", "UR7", 5, true),
+        ("ur12e", "UR10", 5, true),
+        ("ur20", "UR20", 5, true),
+        ("ur20", "UR30", 5, false),
+        ("ur5e", "UR3", 5, false),
+        ("ur10e", "UR1", 5, false),
     ] {
         let (mut cell, mut view) = sound();
         own.clone_into(&mut cell.robot.model);
         view.standing.model = Some(told.to_owned());
-        assert_eq!(!bad(&check::judge(&cell, &view)).contains(&"robot model"), fits, "{own} {told}");
+        (view.controller.major, view.standing.software) = (major, Some([major, 15, 0, 0]));
+        for findings in [check::judge(&cell, &view), check::identity(&cell, &view.standing)] {
+            assert_eq!(!bad(&findings).contains(&"robot model"), fits, "{own} {told} {major}");
+        }
     }
 }
 
@@ -223,6 +234,36 @@ fn a_units_table_is_used_and_written_and_read_back() {
     assert!(told.contains("of another unit"), "{told}");
 }
 
+/// 500 Hz of a CB3, whose model is told apart too.
+#[test]
+fn a_rate_that_a_controller_cannot_serve_is_found() {
+    let (mut cell, mut view) = sound();
+    (cell.link.rate_hz, view.controller.major) = (500, 3);
+    let findings = check::judge(&cell, &view);
+    assert_eq!(bad(&findings), ["robot model", "software"]);
+    assert!(check::failure(&findings).unwrap().to_string().contains("at most 125"));
+}
+
+/// A loopback address may be a forwarded port.
+#[test]
+fn a_simulated_cells_controller_that_is_none_of_screed_is_told_of() {
+    let (mut cell, mut view) = sound();
+    cell.robot.serial = None;
+    assert!(cell.robot.simulated && !check::is_simulated(&cell, &view.standing));
+    let another = Cell { robot: Robot { serial: view.standing.serial.clone(), ..cell.robot.clone() }, ..cell.clone() };
+    assert!(check::is_simulated(&another, &view.standing), "the cell says so of this very number");
+    assert!(!check::is_simulated(&another, &Standing { serial: None, ..view.standing.clone() }));
+    let serial = |cell: &Cell, view: &View| {
+        let findings = check::judge(cell, view);
+        findings.into_iter().find(|finding| finding.what == "serial number").unwrap()
+    };
+    let found = serial(&cell, &view);
+    assert!(found.verdict == Verdict::Note && found.text.contains("may be a real robot"), "{found:?}");
+    view.standing.serial = Some(crate::sim::ur::SERIAL_NUMBER.to_owned());
+    assert!(check::is_simulated(&cell, &view.standing));
+    assert_eq!(serial(&cell, &view).verdict, Verdict::Good);
+}
+
 #[test]
 fn what_moves_or_powers_asks_a_person() {
     let (_, view) = sound();
@@ -242,4 +283,23 @@ fn what_moves_or_powers_asks_a_person() {
     // A held program may go on when its popup closes.
     standing.program = ProgramState::Paused;
     assert!(asks(Act::ClosePopup, &standing));
+}
+
+#[test]
+fn only_a_protective_stop_is_unlocked() {
+    let (_, view) = sound();
+    let at = |safety| Standing { safety, ..view.standing.clone() };
+    assert_eq!(Act::Unlock.is_wanted(&at(Safety::ProtectiveStop)), Ok(true));
+    for safety in [Safety::Normal, Safety::Reduced] {
+        assert_eq!(Act::Unlock.is_wanted(&at(safety)), Ok(false));
+        assert_eq!(Act::Play.is_wanted(&at(safety)), Ok(true));
+    }
+    let failure = Act::Unlock.is_wanted(&at(Safety::SafeguardStop)).unwrap_err();
+    let told = failure.to_string();
+    assert!(
+        failure.exit == Exit::SafetyStop
+            && told.contains("SAFEGUARD_STOP")
+            && told.contains("remedy: close the safeguard"),
+        "{told}"
+    );
 }

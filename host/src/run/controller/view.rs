@@ -1,7 +1,7 @@
 //! What a controller tells of itself, read once: dashboard, RTDE, primary interface. Nothing is written.
 
 use super::{ControllerError, DashboardLine, Line, Place};
-use crate::link::dashboard::{self, ProgramState, RobotMode, Safety};
+use crate::link::dashboard::{self, ProgramState, RobotMode, Safety, Version};
 use crate::link::primary::{Kinematics, Primary};
 use crate::link::rtde::look::{Outputs, State};
 use crate::link::rtde::reader::RtdeReader;
@@ -32,6 +32,8 @@ pub struct View {
     pub is_counting: bool,
     /// Its table.
     pub kinematics: Kinematics,
+    /// Whether the registers that Screed writes are free, or why not; none where it was not asked ([`super::inputs`]).
+    pub inputs: Option<Result<(), String>>,
 }
 
 /// What the dashboard tells.
@@ -41,6 +43,8 @@ pub struct Standing {
     pub model: Option<String>,
     /// Its serial number; old software does not tell.
     pub serial: Option<String>,
+    /// The dashboard's software.
+    pub software: Option<Version>,
     /// Whether it takes commands from the network; controllers before the e-Series do not tell, and take them.
     pub remote: Option<bool>,
     /// Power and brakes.
@@ -67,7 +71,7 @@ pub fn view(place: &Place, register_offset: u8) -> Result<View, ControllerError>
         let (state, _) = look.next()?;
         let is_counting = state.program_count != first.program_count;
         if is_counting || state.timestamp - first.timestamp > COUNTED_AFTER || Instant::now() > until {
-            return Ok(View { standing, controller, state, is_counting, kinematics });
+            return Ok(View { standing, controller, state, is_counting, kinematics, inputs: None });
         }
     }
 }
@@ -85,6 +89,7 @@ pub fn standing(line: &mut DashboardLine) -> Result<Standing, ControllerError> {
     Ok(Standing {
         model: line.ask_if_known(&dashboard::MODEL)?,
         serial: line.ask_if_known(&dashboard::SERIAL)?,
+        software: line.ask_if_known(&dashboard::VERSION)?,
         remote: line.ask_if_known(&dashboard::REMOTE_CONTROL)?,
         mode: line.ask(&dashboard::ROBOT_MODE)?,
         safety,

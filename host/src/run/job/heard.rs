@@ -42,7 +42,7 @@ impl Job {
             FromKernel::Loop(record) => self.on_loop(&record),
             // Told as soon as it is found; the job ends once the arm rests, by the status that repeats it.
             FromKernel::Fault(FaultReport { fault, .. }) => {
-                self.alarms.push(format!("{}; {}", words::fault(&fault), fault.action()));
+                self.alarms.push(told(&fault));
             }
         }
         Ok(())
@@ -144,7 +144,7 @@ impl Job {
     /// A fault has ended the job. Of a failed link the process has said why just before.
     fn stopped_by(&mut self, report: FaultReport) -> JobError {
         match report.fault {
-            Fault::Link => JobError::Link(self.last_alarm.take().unwrap_or_else(|| words::fault(&report.fault))),
+            Fault::Link => JobError::Link(self.last_alarm.take().unwrap_or_else(|| told(&report.fault))),
             _ => JobError::Fault(report),
         }
     }
@@ -198,4 +198,8 @@ impl Job {
         }
         planned
     }
+}
+
+fn told(fault: &Fault) -> String {
+    format!("{}; {}", words::fault(fault), fault.action())
 }

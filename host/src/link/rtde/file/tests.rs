@@ -199,3 +199,25 @@ fn no_text_makes_the_reader_panic() {
         }
     }
 }
+
+/// Editors of some systems write XML so.
+#[test]
+fn other_encodings_are_told_as_such() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recipes.xml");
+    let text = "<rtde_config><recipe key=\"out\"><field name=\"timestamp\" type=\"DOUBLE\"/></recipe></rtde_config>";
+    let wide: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let marked = [&[0xff, 0xfe][..], &wide].concat();
+    let big: Vec<u8> = [0xfe, 0xff].into_iter().chain(text.encode_utf16().flat_map(u16::to_be_bytes)).collect();
+    let latin = [b"<!--\n\xfc-->", text.as_bytes()].concat();
+    for (bytes, found) in
+        [(wide, "found UTF-16"), (marked, "found UTF-16"), (big, "found UTF-16"), (latin, "bytes in line 2")]
+    {
+        std::fs::write(&path, bytes).unwrap();
+        let failure: crate::failure::Failure = load(&path).unwrap_err().into();
+        let told = failure.to_string();
+        assert!(told.contains(found) && told.contains("remedy: save it as UTF-8"), "{told}");
+    }
+    std::fs::write(&path, ["\u{feff}", text].concat()).unwrap();
+    assert_eq!(load(&path).unwrap().recipes.len(), 1);
+}
