@@ -117,7 +117,8 @@ impl Message {
 /// The newest messages, numbered through.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Mailbox {
-    waiting: VecDeque<Vec<u8>>,
+    /// With whether it tells of another state of the robot.
+    waiting: VecDeque<(bool, Vec<u8>)>,
     /// Of all that ever came.
     count: u64,
 }
@@ -127,15 +128,17 @@ impl Mailbox {
         if self.waiting.len() >= WAITING_MAX {
             self.waiting.pop_front();
         }
-        self.waiting.push_back(message.encode(microseconds));
+        let of_state = !matches!(message, Message::Text(_) | Message::Popup(_));
+        self.waiting.push_back((of_state, message.encode(microseconds)));
         self.count += 1;
     }
 
-    /// The bytes of those from number `from` on that are still there, and the number of the next one.
-    pub(super) fn since(&self, from: u64) -> (Vec<u8>, u64) {
+    /// The bytes of those from number `from` on that are still there, and whether one of them tells of another state of the robot.
+    pub(super) fn since(&self, from: u64) -> (Vec<u8>, bool) {
         let first = self.count - self.waiting.len() as u64;
         let skip = usize::try_from(from.saturating_sub(first)).unwrap_or(usize::MAX);
-        (self.waiting.iter().skip(skip).flatten().copied().collect(), self.count)
+        let found = || self.waiting.iter().skip(skip);
+        (found().flat_map(|(_, bytes)| bytes).copied().collect(), found().any(|(of_state, _)| *of_state))
     }
 
     /// How many there ever were.

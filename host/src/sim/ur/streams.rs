@@ -77,15 +77,16 @@ impl Stream {
             return;
         }
         let with_kinematics = self.port == Port::Primary && !self.greeted;
-        if self.greeted && self.port == Port::Primary {
-            (self.outbox, self.next) = scene.mailbox.since(self.next);
-        }
+        let mut told = false;
         if !self.greeted {
             self.outbox.extend(version(scene));
-            self.next = scene.mailbox.count();
+        } else if self.port == Port::Primary {
+            (self.outbox, told) = scene.mailbox.since(self.next);
         }
+        self.next = scene.mailbox.count();
         let every = u64::from(scene.generation.cycle_rate() / STATE_RATE).max(1);
-        if !self.greeted || scene.snapshot.cycle.is_multiple_of(every) {
+        // Behind a message that the robot's state has changed that state, so that clients which wait for both find no older one.
+        if !self.greeted || told || scene.snapshot.cycle.is_multiple_of(every) {
             self.outbox.extend(robot_state(scene, with_kinematics));
         }
         self.greeted = true;

@@ -253,25 +253,12 @@ fn a_script_that_asks_for_a_protective_stop_gets_it_and_it_is_unlocked_after_fiv
     );
 }
 
-/// Robot messages of port 30001 after the first state: type and content behind it.
-fn messages(wire: &mut Wire, stream: &mut Stream, cycles: usize) -> Vec<(u8, Vec<u8>)> {
-    let mut found = Vec::new();
-    for _ in 0..cycles {
-        wire.controller.step();
-        wire.controller.feed(stream);
-        let mut bytes = vec![0; 100_000];
-        let count = stream.poll_transmit(&mut bytes);
-        let mut rest = &bytes[..count];
-        while let [a, b, c, d, kind, ..] = *rest {
-            let size = u32::from_be_bytes([a, b, c, d]) as usize;
-            // Behind type: time stamp, source, type of message.
-            if kind == 20 {
-                found.push((rest[14], rest[15..size].to_vec()));
-            }
-            rest = &rest[size..];
-        }
-    }
-    found
+/// A robot message of port 30001: type and content behind it.
+type Told = (u8, Vec<u8>);
+
+/// The messages of so many cycles.
+fn messages(wire: &mut Wire, stream: &mut Stream, cycles: usize) -> Vec<Told> {
+    (0..cycles).flat_map(|_| state_of(wire, stream).0).collect()
 }
 
 #[test]
@@ -328,24 +315,31 @@ fn port_30001_obeys_commands_and_tells_of_programs() {
     assert_eq!(dashboard::answer("safetymode", &mut wire.controller), "Safetymode: NORMAL");
 }
 
-/// Protective stop, program running, program paused, as the newest robot state of port 30001 has them.
-fn program_bits(wire: &mut Wire, stream: &mut Stream) -> [bool; 3] {
-    let mut found = None;
-    let rate = wire.controller.generation().cycle_rate();
-    for _ in 0..rate / 5 {
-        wire.controller.step();
-        wire.controller.feed(stream);
-        let mut bytes = vec![0; 100_000];
-        let count = stream.poll_transmit(&mut bytes);
-        let mut rest = &bytes[..count];
-        while let [a, b, c, d, kind, ..] = *rest {
-            let size = u32::from_be_bytes([a, b, c, d]) as usize;
+/// One cycle: the messages of port 30001, and of a robot state protective stop, program running, program paused.
+fn state_of(wire: &mut Wire, stream: &mut Stream) -> (Vec<Told>, Option<[bool; 3]>) {
+    wire.controller.step();
+    wire.controller.feed(stream);
+    let mut bytes = vec![0; 100_000];
+    let count = stream.poll_transmit(&mut bytes);
+    let (mut rest, mut told, mut bits) = (&bytes[..count], Vec::new(), None);
+    while let [a, b, c, d, kind, ..] = *rest {
+        let size = u32::from_be_bytes([a, b, c, d]) as usize;
+        match kind {
+            // Behind type: time stamp, source, type of message.
+            20 => told.push((rest[14], rest[15..size].to_vec())),
             // The first part of a state: its size and type, the time stamp, four other bits.
-            found = if kind == 16 { Some([rest[22], rest[23], rest[24]].map(|bit| bit == 1)) } else { found };
-            rest = &rest[size..];
+            _ => bits = Some([rest[22], rest[23], rest[24]].map(|bit| bit == 1)),
         }
+        rest = &rest[size..];
     }
-    found.expect("ten states a second")
+    (told, bits)
+}
+
+/// As the newest robot state has them.
+fn program_bits(wire: &mut Wire, stream: &mut Stream) -> [bool; 3] {
+    let cycles = wire.controller.generation().cycle_rate() / 5;
+    let newest = (0..cycles).filter_map(|_| state_of(wire, stream).1).last();
+    newest.expect("ten states a second")
 }
 
 /// `sendScriptBlocking` of the library: it waits for the program's end, and after an error stops the program, unlocks at
@@ -357,15 +351,20 @@ fn a_script_that_fails_is_stopped_and_unlocked_and_the_next_one_runs() {
         let mut stream = Stream::new(Port::Primary);
         messages(wire, &mut stream, 1);
         let part = "def script_1764180000000():\n  textmsg(\"still running\")\n  sleep(0.1)\n  sync()\nend\n\n";
-        let ends = |told: &[(u8, Vec<u8>)]| told.iter().any(|(_, text)| text.ends_with(b"STOPPEDscript_1764180000000"));
+        let ends = |told: &[Told]| told.iter().any(|(_, text)| text.ends_with(b"STOPPEDscript_1764180000000"));
         upload(wire, part);
         assert!(ends(&messages(wire, &mut stream, 200)));
         upload(wire, "sec test_sec():\n  textmsg(\"Still running\")\nend\n\n");
         assert_eq!(messages(wire, &mut stream, 5), [(0, b"Still running".to_vec())]);
         for bad in ["def script_1():\n  protective_stop()\nend\n", "def script_2():\n  movel(p[0,0,0,0,0,0])\nend\n"] {
             upload(wire, bad);
-            assert!(messages(wire, &mut stream, 3000).iter().any(|(kind, _)| *kind == 6), "{bad}");
-            assert_eq!(program_bits(wire, &mut stream), [true, false, true]);
+            // The state comes with the error, not up to 100 ms later: the client asks for it at once.
+            let stopped = (0..3000).find_map(|_| {
+                let (told, bits) = state_of(wire, &mut stream);
+                told.iter().any(|(kind, _)| *kind == 6).then_some(bits)
+            });
+            assert_eq!(stopped, Some(Some([true, false, true])), "{bad}");
+            messages(wire, &mut stream, 10);
             upload(wire, "stop program\n\n");
             assert_eq!(program_bits(wire, &mut stream), [true, false, false]);
             upload(wire, part);

@@ -168,7 +168,13 @@ fn texts_of_any_length_are_cut_between_characters() {
     assert_eq!(wire.controller.popup().map(str::len), Some(1022));
     wire.controller.feed(&mut stream);
     // End and start of programs of four letters, then the texts behind their heads of 15 bytes and of 12 and a title.
-    assert_eq!(stream.poll_transmit(&mut bytes), 2 * (15 + 9 + 19 + 4) + 15 + 1022 + 15 + 12 + 5 + 1022);
+    let count = stream.poll_transmit(&mut bytes);
+    let messages = 2 * (15 + 9 + 19 + 4) + 15 + 1022 + 15 + 12 + 5 + 1022;
+    // A robot state comes behind them.
+    assert_eq!(
+        (bytes[messages + 4], u32::from_be_bytes(bytes[messages..messages + 4].try_into().expect("four"))),
+        (16, (count - messages) as u32)
+    );
 }
 
 #[test]
