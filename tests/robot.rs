@@ -308,9 +308,9 @@ fn servers_that_are_no_controller_are_told_apart_and_waited_for_in_vain_only_so_
     // A dashboard that is one, and an RTDE that is none.
     let place = serve(&Cell::demo(125).unwrap(), |_| {});
     let look = |rtde| view::view(&Place { rtde, ..place.clone() }, 0).map_err(Failure::from);
-    refused(look(stranger(b"\x00\x05V\x00", false)), Exit::Link, &["RTDE"]);
+    refused(look(stranger(b"\x00\x05V\x00", false)), Exit::Link, &["RTDE", "check address and port"]);
     refused(look(stranger(b"\x00\x04V\x00\x00\x04V\x00", false)), Exit::Link, &["protocols 2 and 1"]);
-    refused(look(stranger(b"", true)), Exit::Link, &["closed the RTDE connection"]);
+    refused(look(stranger(b"", true)), Exit::Link, &["closed the connection"]);
     refused(look(free), Exit::Link, &["does not answer"]);
 }
 
@@ -642,11 +642,11 @@ fn yes_does_not_answer_for_a_robot_behind_a_forwarded_port() {
     fs::write(&model, quarter_circle(&QuarterCircle { layers: 1, ..QuarterCircle::default() })).unwrap();
     for words in ["robot brake-release --yes", "robot play --upload --yes", "print @wall.ifc --allow-non-rt --yes"] {
         let (code, _, error) = machine.screed(&format!("{words} --cell @tunnel.toml"));
-        assert!(code == Some(2) && error.contains("20195500123) and may be a real robot"), "{words}: {error}");
+        assert!(code == Some(2) && error.contains("(20195500123) is neither"), "{words}: {error}");
     }
     // Nor does a pipe.
     let (code, _, error) = machine.screed("print @wall.ifc --allow-non-rt --cell @tunnel.toml");
-    assert!(code == Some(1) && error.contains("none of screed sim ur"), "{error}");
+    assert!(code == Some(1) && error.contains("neither that of screed sim ur"), "{error}");
     let (code, out, error) = machine.screed("robot status --cell @tunnel.toml");
     assert!(code == Some(0) && out.contains("may be a real robot") && !out.contains("BAD"), "{out}{error}");
     // A person may.

@@ -103,8 +103,8 @@ fn robot_is_ready(args: &PrintArgs, cell: &mut Cell) -> Result<(), Failure> {
         let wanted = Wanted { upload: args.upload, yes: args.yes, held: args.attach.is_some() };
         let prepared = controller::prepare(&Place::of(cell)?, cell, wanted)?;
         if cell.robot.simulated && !prepared.is_simulated && !io::stdin().is_terminal() {
-            let message = "nobody can be asked: the standard input is no terminal, and the robot may be real: its controller is \
-                           none of screed sim ur";
+            let message = "nobody can be asked: the standard input is no terminal, and the robot may be real: its controller's \
+                           serial number is neither that of screed sim ur nor the cell's";
             return Err(Failure::new(Exit::Failed, message, "start the print at a terminal"));
         }
         if !wanted.held && prepared.program == ProgramState::Following {

@@ -96,7 +96,10 @@ pub enum LinkError {
     #[error("the controller refuses to start sending; restart its RTDE service or the controller")]
     StartRefused,
     /// A package's size cannot be true for its type.
-    #[error("a {kind} package says {size} bytes, {min} to {max} are possible: the byte stream is corrupt; reconnect")]
+    #[error(
+        "a {kind} package says {size} bytes, {min} to {max} are possible: the byte stream is corrupt or the peer is no RTDE server; \
+         check address and port, reconnect"
+    )]
     BadSize {
         /// Type by its header.
         kind: PackageKind,

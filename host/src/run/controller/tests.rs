@@ -299,7 +299,7 @@ fn only_a_protective_stop_is_unlocked() {
     assert!(
         failure.exit == Exit::SafetyStop
             && told.contains("SAFEGUARD_STOP")
-            && told.contains("remedy: close the safeguard"),
+            && told.contains("close the safeguard and reset it"),
         "{told}"
     );
 }
