@@ -83,7 +83,7 @@ fn what_stops_the_robot_in_a_print_is_told_at_once_and_then_the_fault() {
         (
             |robot| robot.pause().unwrap(),
             "setpoints did come: a popup waits on the teach pendant",
-            "screed robot close-popup",
+            "screed robot stop, screed robot close-popup, then print with --upload and --from-layer",
         ),
     ];
     let (cell, model) = (Cell::demo(500).unwrap(), model());

@@ -78,9 +78,9 @@ pub struct Wanted {
     pub held: bool,
 }
 
-/// Asks for the registers, but where somebody drives Screed's program by them.
+/// Asks for the registers: of the robot that is meant, at a rate that it has, and not where somebody drives Screed's program by them.
 fn look_at_inputs(place: &Place, cell: &Cell, view: &mut View) -> Result<(), Failure> {
-    if check::playing(view) != Some(ProgramState::Following) {
+    if check::is_meant(cell, view) && check::playing(view) != Some(ProgramState::Following) {
         view.inputs = Some(inputs::inputs(place, cell)?);
     }
     Ok(())

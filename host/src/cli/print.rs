@@ -72,7 +72,7 @@ pub fn run(args: &PrintArgs) -> Result<(), Failure> {
 
 /// What goes on with this print after a failure.
 fn again(args: &PrintArgs, cell: &Cell) -> Again {
-    let file = |path: &Path| path.display().to_string();
+    let file = |path: &Path| print::quoted(path);
     let mut print = format!("screed print {} --cell {}", file(&args.model), file(&args.cell));
     for (is_given, word) in
         [(!cell.robot.simulated, " --real-robot"), (args.dry, " --dry"), (args.allow_non_rt, " --allow-non-rt")]

@@ -16,6 +16,12 @@ pub fn record(args: &RtdeRecordArgs) -> Result<(), Failure> {
         let message = format!("{} is there already", path.display());
         return Err(Failure::new(Exit::Usage, message, "give another name, or --force to overwrite it"));
     }
+    if let Some(folder) = args.out.as_ref().and_then(|path| path.parent()).filter(|folder| *folder != Path::new(""))
+        && !folder.is_dir()
+    {
+        let message = format!("{} is no folder", folder.display());
+        return Err(Failure::new(Exit::Failed, message, "make it, or choose a folder that exists"));
+    }
     let file = file::load(&args.config)?;
     let recipe = recipe(&file, &args.recipe)?;
     signal::catch_stop()?;

@@ -280,7 +280,10 @@ pub enum DashboardError {
         request: &'static str,
     },
     /// An answer to something else.
-    #[error("the dashboard answers {request:?} with {answer:?}; connect again")]
+    #[error(
+        "the dashboard answers {request:?} with {answer:?}, which Screed does not know; look at the teach pendant, and where all is well there the software is newer than this \
+             Screed"
+    )]
     Unexpected {
         /// What was asked for.
         request: &'static str,

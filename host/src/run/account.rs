@@ -95,6 +95,8 @@ pub struct Account {
     cycles: Option<Cycles>,
     cycles_before: Option<(Cycles, f64)>,
     wire: Histogram,
+    /// Tick and receipt (ns) of the cycle before, whether something was commanded in it or not.
+    before: Option<(u64, u64)>,
     last: Option<Last>,
     /// Where the path was at which tick, when what was commanded then is something else.
     path: Option<(u64, JointPos<6>)>,
@@ -102,12 +104,11 @@ pub struct Account {
     pub figures: Figures,
 }
 
+/// What was commanded last.
 #[derive(Clone, Copy)]
 struct Last {
-    tick: u64,
     seq: u32,
     path: JointPos<6>,
-    received_ns: u64,
 }
 
 /// The figures of the final table. Lengths in metres, times in seconds.
@@ -209,6 +210,7 @@ impl Account {
             cycles: None,
             cycles_before: None,
             wire: Histogram::new(WIRE_BINS),
+            before: None,
             last: None,
             path: None,
             figures: Figures::default(),
@@ -302,10 +304,10 @@ impl Account {
         let figures = &mut self.figures;
         figures.cycles += 1;
         let mut unrecorded = 0;
-        if let Some(last) = self.last {
-            unrecorded = record.tick.saturating_sub(last.tick + 1);
+        if let Some((tick, received_ns)) = self.before.replace((record.tick, record.received_ns)) {
+            unrecorded = record.tick.saturating_sub(tick + 1);
             figures.unrecorded += unrecorded;
-            let late = record.received_ns.saturating_sub(last.received_ns + (unrecorded + 1) * self.period_ns);
+            let late = record.received_ns.saturating_sub(received_ns + (unrecorded + 1) * self.period_ns);
             if late > self.period_ns / 2 {
                 figures.stalls += 1;
                 figures.stall_max_s = figures.stall_max_s.max(late as f64 * 1e-9);
@@ -324,8 +326,7 @@ impl Account {
         let commanded = JointPos(<[f64; 6]>::try_from(record.commanded.as_slice()).ok()?);
         let path = self.path.take().filter(|(tick, _)| *tick == record.tick).map_or(commanded, |(_, path)| path);
         let actual = JointPos(<[f64; 6]>::try_from(record.actual.as_slice()).ok()?);
-        let last =
-            self.last.replace(Last { tick: record.tick, seq: record.seq, path, received_ns: record.received_ns });
+        let last = self.last.replace(Last { seq: record.seq, path });
         let fresh = moving && last.is_none_or(|last| last.seq != record.seq);
         let planned = if fresh { self.take_expected(record, &path, unrecorded) } else { None };
         let layer = planned.filter(|planned| planned.deposit).map(|planned| planned.layer);
@@ -367,5 +368,42 @@ impl Account {
         }
         figures.following.push((path_tcp - actual_tcp).norm());
         figures.actual_contour.push(contour.distance(&actual_tcp));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use screed_kernel::frame::JointValues;
+
+    /// A robot that is not ready for a while is commanded nothing, and each of those cycles is recorded all the same.
+    #[test]
+    fn cycles_in_which_nothing_is_commanded_are_no_gap() {
+        let cell = Cell::demo(125).unwrap();
+        let mut account = Account::new(&cell, &[]);
+        let start: JointValues = cell.robot.start.0.into_iter().collect();
+        for tick in 0..400_u64 {
+            // Not ready from 100 to 249; then cycles 300 to 309 are lost.
+            if (300..310).contains(&tick) {
+                continue;
+            }
+            account.observe(&CycleRecord {
+                tick,
+                received_ns: tick * 8_000_000,
+                ticked_ns: 0,
+                sent_ns: 0,
+                robot_time: tick as f64 * 0.008,
+                missed: 0,
+                seq: 0,
+                mode: ModeCode::Unready,
+                deposit: false,
+                rate: 0.0,
+                flow: 0.0,
+                commanded: if (100..250).contains(&tick) { JointValues::new() } else { start.clone() },
+                actual: start.clone(),
+            });
+        }
+        let figures = &account.figures;
+        assert_eq!((figures.cycles, figures.unrecorded, figures.stalls), (390, 10, 0));
     }
 }

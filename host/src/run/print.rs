@@ -2,7 +2,7 @@
 
 mod failed;
 
-pub use failed::Again;
+pub use failed::{Again, quoted};
 
 use crate::config::Cell;
 use crate::failure::{Exit, Failure};
@@ -424,7 +424,11 @@ fn is_confirmed(answer: Option<&Receiver<bool>>) -> Result<bool, Failure> {
         Some(Ok(true)) => Ok(true),
         Some(Ok(false) | Err(TryRecvError::Disconnected)) => {
             let message = "what was asked was not confirmed";
-            Err(Failure::new(Exit::Failed, message, "nothing has moved; start again when it may"))
+            Err(Failure::new(
+                Exit::Failed,
+                message,
+                "nothing has moved; the watchdog ends Screed's program on the robot, so start again with --upload when it may",
+            ))
         }
         Some(Err(TryRecvError::Empty)) | None => Ok(false),
     }

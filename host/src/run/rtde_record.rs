@@ -75,7 +75,7 @@ pub enum RecordError {
         message: String,
     },
     /// The table cannot be written.
-    #[error("cannot write the table: {0}; check the free space")]
+    #[error("cannot write the table: {0}; check path, rights and free space")]
     Write(io::Error),
 }
 

@@ -52,15 +52,15 @@ pub const RESUMING: Remedy = Remedy { cause: "the robot's program is resuming", 
 pub const PAUSED: Remedy = Remedy {
     cause: "the robot's program is paused, by a popup that waits on the teach pendant, by somebody there, or by its watchdog for \
             want of setpoints",
-    action: "read the popup and close it, there or with screed robot close-popup; where there is none look at the network; then \
-             screed robot play goes on with it, or screed robot stop ends it",
+    action: "read the popup, or look at the network where there is none; screed robot stop, screed robot close-popup, then print with \
+             --upload and --from-layer; only one that waits for its first setpoint goes on with close-popup and play",
 };
 
 /// It is held though setpoints came: its watchdog has not done so.
 pub const POPUP: Remedy = Remedy {
     cause: "the robot's program is paused, and setpoints did come: a popup waits on the teach pendant, or somebody paused it there",
-    action: "read the popup and close it, there or with screed robot close-popup; then screed robot play goes on with it, or screed \
-             robot stop ends it",
+    action: "read the popup and look who was at the pendant; screed robot stop, screed robot close-popup, then print with --upload and \
+             --from-layer: what is played on would jump to the newest setpoint",
 };
 
 impl Safety {

@@ -256,7 +256,8 @@ fn in_use(field: &Field, used: u16, of: u16) -> String {
     let name = field.name;
     if used == of {
         let what = "a fieldbus (EtherNet/IP, PROFINET, MODBUS) owns the registers, or another Screed does";
-        let remedy = "switch the fieldbus off in the installation or set register_offset to the other of 0 and 24, or end the other program";
+        let remedy = "switch the fieldbus off in the installation or set register_offset to the other of 0 and 24, or end the other \
+                      program, or give the print the screed-rt of yours that holds them with --attach";
         return format!("all {of} inputs from {name} on are in use: {what}; {remedy}");
     }
     let what = "another RTDE client writes them, or an old connection of one lingers";

@@ -134,7 +134,7 @@ impl From<FileError> for Failure {
             FileError::Encoding { .. } => Self::new(
                 Exit::Input,
                 error.to_string(),
-                "save it as UTF-8 in an editor, and without encoding=\"UTF-16\"",
+                "save it as UTF-8 in an editor, and say encoding=\"UTF-8\" or none in its first line",
             ),
             FileError::Invalid { place, fault } => Self::new(Exit::Input, fault.to_string(), fault.remedy()).at(*place),
         }

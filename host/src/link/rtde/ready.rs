@@ -55,7 +55,7 @@ impl RobotState {
         let because = |remedy, code| Some(NotReady { remedy, code });
         let safety = Code::Bits("safety status bits", bits);
         let normal = bits & MOVING != 0;
-        if let Some((_, stop)) = STOPS.iter().find(|(bit, _)| !normal && bits & bit != 0) {
+        if let Some((_, stop)) = STOPS.iter().find(|(bit, _)| bits & bit != 0) {
             return because(stop.and_then(Safety::remedy).unwrap_or(remedy::EMERGENCY_STOP), safety);
         }
         if robot_mode != RUNNING {
@@ -174,6 +174,11 @@ mod tests {
         }
         for well in [state(7, 1, 2), state(7, 2, 2)] {
             assert_eq!(well.not_ready(false), None);
+        }
+        // Also beside "normal" or "reduced" a stop is one.
+        for moving in [1, 2] {
+            let why = state(7, moving | 1 << 2 | 1 << 10, 4).not_ready(false).expect("a protective stop");
+            assert_eq!(Some(why.remedy), Safety::ProtectiveStop.remedy());
         }
     }
 

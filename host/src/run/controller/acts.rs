@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 
 /// How long an act may take to be done: motors and brakes of a real robot need some seconds.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// By then a program that is played has begun, if it ever does.
+const LOADED: Duration = Duration::from_secs(3);
 /// How often it is looked whether it is done.
 const EVERY: Duration = Duration::from_millis(100);
 
@@ -123,18 +125,37 @@ pub fn act(line: &mut DashboardLine, act: Act) -> Result<Standing, Failure> {
             Err(error) => return Err(error.into()),
         }
     }
-    let until = Instant::now() + PATIENCE;
+    let began = Instant::now();
     loop {
-        let now = standing(line)?;
+        let now = standing(line).map_err(|error| unknown(act, error))?;
         if act.is_done(&now) {
             return Ok(now);
         }
-        if Instant::now() > until {
+        let waited = began.elapsed();
+        if act == Act::Play && !now.safety.is_well() {
+            return Err(told("play was taken, and the robot has stopped".to_owned(), act, &now));
+        }
+        if act == Act::Play && matches!(now.program, ProgramState::Stopped) && waited > LOADED {
+            let message = format!("play was taken, and the program {} has ended, or never began", now.program_name);
+            let remedy = "see the log on the teach pendant; Screed's program is sent with screed robot play --upload";
+            return Err(Failure::new(Exit::Link, message, remedy));
+        }
+        if waited > PATIENCE {
             let message = format!("{} was taken, but is not done after {} s", act.word(), PATIENCE.as_secs());
             return Err(told(message, act, &now));
         }
         std::thread::sleep(EVERY);
     }
+}
+
+/// It was taken, and then the controller says what is not understood.
+fn unknown(act: Act, error: ControllerError) -> Failure {
+    let mut failure = Failure::from(error);
+    if let Some(problem) = failure.problems.first_mut() {
+        problem.message =
+            format!("{} was taken, but how the robot stands is not known: {}", act.word(), problem.message);
+    }
+    failure
 }
 
 fn refused(act: Act, answer: &str, now: &Standing) -> Failure {
@@ -158,12 +179,12 @@ fn remedy(act: Act, now: &Standing) -> String {
     if act == Act::Unlock && now.safety == dashboard::Safety::ProtectiveStop {
         return "look at the cause, wait five seconds after the stop, then unlock again".to_owned();
     }
-    if let Some(action) = safety_action(now.safety) {
-        return action.to_owned();
+    if let Some(remedy) = now.safety.remedy() {
+        return remedy.action.to_owned();
     }
     // What cannot play without power says so, whoever has control.
-    if let (Act::Play, Some(action)) = (act, mode_action(now.mode)) {
-        return action.to_owned();
+    if let (Act::Play, Some(remedy)) = (act, now.mode.remedy()) {
+        return remedy.action.to_owned();
     }
     // A controller without the feature of remote control says the same, and obeys: so it is no reason before it refuses.
     if now.remote == Some(false) {
@@ -179,14 +200,4 @@ fn remedy(act: Act, now: &Standing) -> String {
         _ => "see the teach pendant: something may wait there for an answer",
     }
     .to_owned()
-}
-
-/// What a person has to do before the robot may move again; none where it may.
-pub fn safety_action(safety: dashboard::Safety) -> Option<&'static str> {
-    safety.remedy().map(|remedy| remedy.action)
-}
-
-/// What is missing until programs can run; none where nothing is.
-pub fn mode_action(mode: RobotMode) -> Option<&'static str> {
-    mode.remedy().map(|remedy| remedy.action)
 }

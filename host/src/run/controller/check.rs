@@ -1,10 +1,10 @@
 //! Whether a robot is the cell's, and stands so that a print can begin: a judgement of what the controller told, without sockets.
 
-use super::acts;
-use super::program::{PLAYING, STOPPED, ours};
+use super::program::{PAUSED, PLAYING, STOPPED, ours};
 use super::view::{Standing, View, table};
 use crate::config::Cell;
 use crate::failure::{Exit, Failure, Problem};
+use crate::link::dashboard::remedy;
 use crate::link::rtde::look::State;
 use crate::link::rtde::program::ProgramState;
 use crate::robot::calibration;
@@ -97,6 +97,13 @@ pub fn judge(cell: &Cell, view: &View) -> Vec<Finding> {
 pub fn identity(cell: &Cell, standing: &Standing) -> Vec<Finding> {
     let major = standing.software.map(|[major, ..]| major);
     vec![model(cell, standing, major), serial(cell, standing)]
+}
+
+/// Whether the robot is the cell's, and serves the rate that it wants.
+pub fn is_meant(cell: &Cell, view: &View) -> bool {
+    let mut findings = identity(cell, &view.standing);
+    findings.push(software(cell, view));
+    failure(&findings).is_none()
 }
 
 /// Whether the cell's robot is simulated, and its controller shows itself as one of Screed or with the serial number that the cell
@@ -211,17 +218,17 @@ fn remote(view: &View) -> Finding {
 
 fn safety(view: &View) -> Finding {
     let safety = view.standing.safety;
-    match acts::safety_action(safety) {
+    match safety.remedy() {
         None => Finding::good("safety", safety.name()),
-        Some(action) => Finding::bad("safety", safety.name(), Exit::SafetyStop, action),
+        Some(remedy) => Finding::bad("safety", safety.name(), Exit::SafetyStop, remedy.action),
     }
 }
 
 fn mode(view: &View) -> Finding {
     let mode = view.standing.mode;
-    match acts::mode_action(mode) {
+    match mode.remedy() {
         None => Finding::good("robot", mode.name()),
-        Some(action) => Finding::bad("robot", mode.name(), Exit::Link, action),
+        Some(remedy) => Finding::bad("robot", mode.name(), Exit::Link, remedy.action),
     }
 }
 
@@ -380,6 +387,9 @@ fn inputs(found: &Result<(), String>) -> Finding {
 fn program(view: &View) -> Finding {
     const UPLOAD: &str = "screed robot play --upload, or give --upload to screed print";
     let name = &view.standing.program_name;
+    if !view.standing.safety.is_well() {
+        return Finding::note(PROGRAM, format!("{name}: looked at when the safety system is well"));
+    }
     match view.state.runtime_state {
         PLAYING => match playing(view) {
             Some(ProgramState::Following) => Finding::good(PROGRAM, "Screed's plays and follows setpoints"),
@@ -391,11 +401,12 @@ fn program(view: &View) -> Finding {
             }
         },
         STOPPED => Finding::bad(PROGRAM, format!("none plays (loaded: {name})"), Exit::Link, UPLOAD),
-        _ => Finding::bad(
+        PAUSED => Finding::bad(PROGRAM, format!("{name}: {}", remedy::PAUSED.cause), Exit::Link, remedy::PAUSED.action),
+        state => Finding::bad(
             PROGRAM,
-            format!("{name} is held: by a popup that waits for an answer, or by a person"),
+            format!("{name} is on its way to another state (runtime state {state})"),
             Exit::Link,
-            "look at the teach pendant; then screed robot close-popup, and screed robot play or stop",
+            "wait a moment, then look again",
         ),
     }
 }

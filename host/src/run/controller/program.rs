@@ -2,9 +2,10 @@
 //! waits for setpoints.
 
 use super::view::LookLine;
-use super::{ControllerError, Line, Place, acts};
+use super::{ControllerError, Line, Place};
 use crate::failure::{Exit, Failure};
-use crate::link::dashboard::RobotMode;
+use crate::link::Remedy;
+use crate::link::dashboard::{RobotMode, remedy};
 use crate::link::primary::{self, Primary};
 use crate::link::rtde::look::State;
 use crate::link::rtde::program::ProgramState;
@@ -17,6 +18,8 @@ const TURN: Duration = Duration::from_millis(20);
 /// `runtime_state` of a program that does not run, and of one that plays.
 pub(super) const STOPPED: u32 = 1;
 pub(super) const PLAYING: u32 = 2;
+/// Held.
+pub(super) const PAUSED: u32 = 4;
 
 /// Sends a program and waits until it says that it waits for setpoints: a person has said so. A program that runs is not
 /// replaced.
@@ -78,14 +81,13 @@ fn ready(state: &State) -> Result<(), Failure> {
         let message = format!("the robot stands in a safety stop (bits {:#x})", state.safety_status_bits);
         return Err(Failure::new(Exit::SafetyStop, message, "screed robot status tells which, and what to do"));
     }
-    let mode = RobotMode::from_code(state.robot_mode).unwrap_or(RobotMode::NoController);
-    match acts::mode_action(mode) {
-        None => Ok(()),
-        Some(action) => {
-            let message = format!("the robot is not ready for a program: {}", mode.name());
-            Err(Failure::new(Exit::Link, message, action))
-        }
-    }
+    let remedy = match RobotMode::from_code(state.robot_mode) {
+        Some(mode) => mode.remedy(),
+        None => Some(remedy::UNKNOWN_MODE),
+    };
+    remedy.map_or(Ok(()), |Remedy { cause, action }| {
+        Err(Failure::new(Exit::Link, format!("the robot is not ready for a program: {cause}"), action))
+    })
 }
 
 fn not_taken(said: &[String], seen: Option<&State>) -> Failure {

@@ -3,7 +3,7 @@
 use crate::failure::{Exit, Failure};
 use crate::run::children;
 use crate::run::session::SessionError;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The commands that go on with a print after a failure.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -16,11 +16,18 @@ pub struct Again {
     pub end: Option<usize>,
 }
 
+/// A path as a shell reads it.
+pub fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+,:@%".contains(c);
+    if !text.is_empty() && text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
+}
+
 /// A failure on the path, with the commands that go on from there.
 pub(super) fn going_on(mut failure: Failure, again: &Again, layer: usize) -> Failure {
     let Again { robot, print, end } = again;
     let robot = robot.as_ref().map_or_else(String::new, |cell| {
-        let cell = cell.display();
+        let cell = quoted(cell);
         format!(
             "screed robot status --cell {cell} names what stands in the way (unlock after a protective stop, power-on and \
              brake-release after an emergency stop, stop for a held program); then "
@@ -79,6 +86,20 @@ impl From<children::ChildError> for Failure {
             error @ children::ChildError::Spawn { .. } => {
                 Self::new(Exit::Failed, error.to_string(), "install both programs, screed and screed-rt, in one folder")
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_is_quoted_where_a_shell_would_take_it_apart() {
+        for (path, text) in
+            [("a/b-1.toml", "a/b-1.toml"), ("sp ace.ifc", "'sp ace.ifc'"), ("it's", "'it'\\''s'"), ("$x", "'$x'")]
+        {
+            assert_eq!(quoted(Path::new(path)), text);
         }
     }
 }
