@@ -1,6 +1,7 @@
 //! What the whole-flow tests share: seeded numbers, and a judge of what the robot received that shares no code with Screed.
 #![allow(dead_code)] // Each test takes what it needs.
 
+pub mod robot;
 pub mod scene;
 
 use screed::config::Cell;
