@@ -164,7 +164,7 @@ fn agreed(
     }
 }
 
-/// Whether `--yes` may answer for a person: only where the controller shows itself as one of `screed sim ur`.
+/// Whether `--yes` may answer for a person: only where the controller shows itself as the simulated one that is meant.
 ///
 /// # Errors
 /// A usage [`Failure`].

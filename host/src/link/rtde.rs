@@ -17,7 +17,7 @@ pub mod look;
 mod plausible;
 pub mod program;
 pub mod reader;
-mod ready;
+pub mod ready;
 pub mod recipe;
 #[cfg(test)]
 mod tests;

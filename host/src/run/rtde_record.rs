@@ -93,11 +93,8 @@ impl RecordError {
 
 impl From<RecordError> for Failure {
     fn from(error: RecordError) -> Self {
-        match &error {
-            RecordError::Write(_) => Self::told(Exit::Failed, error.to_string()),
-            RecordError::Connect { .. } => Self::told(Exit::Link, error.to_string()),
-            RecordError::Link { message } => Self::told(Exit::Link, message),
-        }
+        let exit = if matches!(error, RecordError::Write(_)) { Exit::Failed } else { Exit::Link };
+        Self::told(exit, error.to_string())
     }
 }
 

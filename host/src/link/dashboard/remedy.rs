@@ -7,12 +7,12 @@ const fn remedy(cause: &'static str, action: &'static str) -> Option<Remedy> {
     Some(Remedy { cause, action })
 }
 
+/// After any emergency stop.
+const RELEASE_BUTTON: &str = "look which emergency stop button is pressed and why; release it when nobody is in danger, then screed \
+                              robot power-on and screed robot brake-release";
+
 /// Some emergency stop, of the robot or of the cell.
-pub const EMERGENCY_STOP: Remedy = Remedy {
-    cause: "an emergency stop holds the robot",
-    action: "look which emergency stop button is pressed and why; release it when nobody is in danger, then screed robot power-on and screed robot \
-             brake-release",
-};
+pub const EMERGENCY_STOP: Remedy = Remedy { cause: "an emergency stop holds the robot", action: RELEASE_BUTTON };
 
 /// The safety system, without saying why.
 pub const HELD: Remedy = Remedy {
@@ -85,14 +85,12 @@ impl Safety {
                 "the safeguard of the automatic mode holds the robot",
                 "clear the cell, close that safeguard and reset it",
             ),
-            Self::SystemEmergencyStop => remedy(
-                "the system's emergency stop is pressed, a button of the cell",
-                "look why the emergency stop button is pressed; release it when nobody is in danger, then screed robot power-on and screed robot brake-release",
-            ),
-            Self::RobotEmergencyStop => remedy(
-                "the robot's emergency stop is pressed, at its teach pendant or control box",
-                "look why the emergency stop button is pressed; release it when nobody is in danger, then screed robot power-on and screed robot brake-release",
-            ),
+            Self::SystemEmergencyStop => {
+                remedy("the system's emergency stop is pressed, a button of the cell", RELEASE_BUTTON)
+            }
+            Self::RobotEmergencyStop => {
+                remedy("the robot's emergency stop is pressed, at its teach pendant or control box", RELEASE_BUTTON)
+            }
             Self::Violation => remedy(
                 "the robot's safety system reports a violation",
                 "read the safety system's code in the robot's log, look where the arm stands, restart it at the teach pendant",

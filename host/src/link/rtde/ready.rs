@@ -1,24 +1,27 @@
 //! Whether a UR takes setpoints; and if not, why. What a person does about it is the dashboard's table
-//! ([`remedy`](crate::link::dashboard::remedy)).
+//! ([`remedy`]).
 
 use super::{Event, RobotState, TextLevel};
 use crate::link::dashboard::{RobotMode, Safety, remedy};
 use crate::link::{self, Code, NotReady, Telegram};
 use std::fmt::Write;
 
-/// Of `runtime_state`.
+/// Of `runtime_state`: one is ending.
 const STOPPING: u32 = 0;
-const STOPPED: u32 = 1;
-const PLAYING: u32 = 2;
+/// Of `runtime_state`: no program runs.
+pub const STOPPED: u32 = 1;
+/// Of `runtime_state`: one does.
+pub const PLAYING: u32 = 2;
 const PAUSING: u32 = 3;
-const PAUSED: u32 = 4;
+/// Of `runtime_state`: one is held.
+pub const PAUSED: u32 = 4;
 const RESUMING: u32 = 5;
 
 /// Of `robot_mode`.
 const RUNNING: i32 = 7;
 
 /// Safety bits with which setpoints are taken: normal (0) or reduced (1).
-const MOVING: u32 = 0b11;
+pub const MOVING: u32 = 0b11;
 
 /// All that are known: 0 to 11.
 const KNOWN: u32 = 0xfff;

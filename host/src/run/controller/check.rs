@@ -1,12 +1,13 @@
 //! Whether a robot is the cell's, and stands so that a print can begin: a judgement of what the controller told, without sockets.
 
-use super::program::{PAUSED, PLAYING, STOPPED, ours};
+use super::program::ours;
 use super::view::{Standing, View, table};
 use crate::config::Cell;
 use crate::failure::{Exit, Failure, Problem};
 use crate::link::dashboard::remedy;
 use crate::link::rtde::look::State;
 use crate::link::rtde::program::ProgramState;
+use crate::link::rtde::ready::{PAUSED, PLAYING, STOPPED};
 use crate::robot::calibration;
 use crate::sim::ur::SERIAL_NUMBER;
 use nalgebra::Vector3;

@@ -9,17 +9,13 @@ use crate::link::dashboard::{RobotMode, remedy};
 use crate::link::primary::{self, Primary};
 use crate::link::rtde::look::State;
 use crate::link::rtde::program::ProgramState;
+use crate::link::rtde::ready::{MOVING, PLAYING, STOPPED};
 use std::time::{Duration, Instant};
 
 /// How long a program may take to say that it waits; real controllers need less than a second.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// How long each line is listened to in turn.
 const TURN: Duration = Duration::from_millis(20);
-/// `runtime_state` of a program that does not run, and of one that plays.
-pub(super) const STOPPED: u32 = 1;
-pub(super) const PLAYING: u32 = 2;
-/// Held.
-pub(super) const PAUSED: u32 = 4;
 
 /// Sends a program and waits until it says that it waits for setpoints: a person has said so. A program that runs is not
 /// replaced.
@@ -76,8 +72,7 @@ fn ready(state: &State) -> Result<(), Failure> {
         let message = "a program runs on the controller: Screed does not replace it";
         return Err(Failure::new(Exit::Link, message, "screed robot stop, then upload again"));
     }
-    // Bits 0 and 1: normal, reduced.
-    if state.safety_status_bits & 0b11 == 0 {
+    if state.safety_status_bits & MOVING == 0 {
         let message = format!("the robot stands in a safety stop (bits {:#x})", state.safety_status_bits);
         return Err(Failure::new(Exit::SafetyStop, message, "screed robot status tells which, and what to do"));
     }
